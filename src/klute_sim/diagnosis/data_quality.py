@@ -97,7 +97,7 @@ def find_blocking_problems(experiments: Sequence[Experiment]) -> list[str]:
             f"The trials to fit last {time:.1f} s in total. Record at least {MIN_TOTAL_TIME:g} s, better 20 s, with "
             "varying pressure and length."
         )
-    pressure_range = max(float(np.ptp(e.command)) for e in experiments)
+    pressure_range = _compute_pressure_range(experiments)
     length_range = max(e.length_range for e in experiments)
     if pressure_range < MIN_PRESSURE_RANGE and length_range < MIN_LENGTH_RANGE:
         problems.append(
@@ -106,6 +106,17 @@ def find_blocking_problems(experiments: Sequence[Experiment]) -> list[str]:
             "speeds."
         )
     return problems
+
+
+def _compute_pressure_range(experiments: Sequence[Experiment]) -> float:
+    """Return the largest range of the command, or of the pressure where that alone was measured, within a trial [Pa].
+
+    A filling begins with a vented muscle under a constant command.
+    """
+    ranges = [float(np.ptp(e.command)) for e in experiments]
+    if is_supply_only(experiments):
+        ranges += [float(np.ptp(e.measured["pressure"].value)) for e in experiments]
+    return max(ranges)
 
 
 def is_supply_only(experiments: Sequence[Experiment]) -> bool:
@@ -167,7 +178,7 @@ def find_contradicted_channels(
 
 def find_limitations(experiments: Sequence[Experiment]) -> list[str]:
     """Return sentences about effects that ``experiments`` cannot show."""
-    pressure_range = max(float(np.ptp(e.command)) for e in experiments)
+    pressure_range = _compute_pressure_range(experiments)
     length_range = max(e.length_range for e in experiments)
     limitations = []
     if is_supply_only(experiments):

@@ -11,6 +11,9 @@ from klute_sim.diagnosis.result import ChannelRms, Diagnosis
 
 MAX_REMAINING_FRACTION = 0.6
 """Largest fraction of the squared gap beyond noise that a complete model may leave on test trials (assumed)."""
+MIN_SHARE_FRACTION = 0.5
+"""Smallest fraction of the share that a model of an imperfect law takes on other trials, to be taken on test trials
+(assumed)."""
 NEGLIGIBLE_GAP = 0.15
 """Squared gap beyond noise, over the squared noise, that counts as none (assumed: sampling of the noise)."""
 
@@ -18,8 +21,8 @@ NEGLIGIBLE_GAP = 0.15
 def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
     """Set the residuals of ``diagnosis`` on its test trials, and demote a verdict that they do not confirm.
 
-    A complete model must take most of the gap beyond noise. A model of an imperfect law must predict the test trials
-    better than the refitted device. ``data`` hold the fitted trials with the noise between repeats.
+    A complete model must take most of the gap beyond noise. A model of an imperfect law must take at least half of the
+    share there that it takes of the trials that were left out. ``data`` hold the fitted trials with the noise between repeats.
     """
     _compute_residuals(diagnosis, data)
     if diagnosis.evaluated_on != "test" or not diagnosis.added_terms:
@@ -32,7 +35,8 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
     refitted, with_effects = np.sum(squares, axis=0)
     diagnosis.is_worse_on_test = bool(with_effects > refitted + NEGLIGIBLE_GAP * len(squares))
     if diagnosis.prediction is not None:
-        is_confirmed = bool(with_effects < refitted)
+        min_share = MIN_SHARE_FRACTION * diagnosis.prediction.share
+        is_confirmed = bool(with_effects < (1.0 - min_share) * refitted)
     else:
         allowed = max(MAX_REMAINING_FRACTION * refitted, NEGLIGIBLE_GAP * len(squares))
         is_confirmed = bool(with_effects <= allowed)

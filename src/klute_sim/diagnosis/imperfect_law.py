@@ -78,13 +78,15 @@ def find_complete_model(search: ForwardSelection, base_fit: Fit, result: Predict
     return None
 
 
-def decide_verdict(result: PredictiveResult) -> ImperfectLawDecision:
-    """Return the verdict on ``result`` and its reasons."""
+def decide_verdict(result: PredictiveResult, *, has_repeats: bool = True) -> ImperfectLawDecision:
+    """Return the verdict on ``result`` and its reasons.
+
+    Without repeats an unexplained remainder may be noise, so the data are insufficient where nothing is named.
+    """
+    unexplained: Verdict = "unexplained" if has_repeats else "insufficient-data"
     chosen, kind = result.chosen, FOLD_WORDS[result.fold_kind]
-    law = (
-        f"No model reaches the noise between repeats, so models are judged by the prediction of each {kind} from the "
-        f"others ({result.n_folds} of them)."
-    )
+    cause = "No model reaches the noise between repeats" if has_repeats else "Without repeats the noise is unknown"
+    law = f"{cause}, so models are judged by the prediction of each {kind} from the others ({result.n_folds} of them)."
     if not chosen.terms:
         best = next((model for model in result.models if model.terms), None)
         detail = ""
@@ -92,7 +94,7 @@ def decide_verdict(result: PredictiveResult) -> ImperfectLawDecision:
             reason = best.obstacle or "that is less than one standard error, or fewer effects predict as well"
             change = _format_change(result.base, best)
             detail = f" The best is {_list_terms(best)} with {change} of the squared error: {reason}."
-        return ImperfectLawDecision("unexplained", [law, f"No effect improves the predictions.{detail}"])
+        return ImperfectLawDecision(unexplained, [law, f"No effect improves the predictions.{detail}"])
     names = _list_terms(chosen)
     stability = ", ".join(f"{term} in {100 * value:.0f} %" for term, value in result.stability.items())
     reasons = [
@@ -102,14 +104,14 @@ def decide_verdict(result: PredictiveResult) -> ImperfectLawDecision:
     ]
     if result.share < MIN_SHARE:
         reasons.append(f"Less than {100 * MIN_SHARE:.0f} % is not worth a name.")
-        return ImperfectLawDecision("unexplained", reasons)
+        return ImperfectLawDecision(unexplained, reasons)
     if result.rivals:
         sets = " or ".join(_list_terms(model) for model in result.rivals)
         reasons.append(f"{sets} would predict as well: the difference is less than one standard error.")
         return ImperfectLawDecision("indistinguishable", reasons)
     if not result.is_stable:
         reasons.append(f"A name must be chosen in {100 * MIN_STABILITY:.0f} % of the refits.")
-        return ImperfectLawDecision("unexplained", reasons)
+        return ImperfectLawDecision(unexplained, reasons)
     return ImperfectLawDecision("identified-in-part", reasons)
 
 

@@ -120,13 +120,14 @@ def _run_workflow(
     # What the user tolerates needs no name.
     final_fit = base_fit if dataset.tolerance and not search.has_misfit(base_fit) else search.run(base_fit)
     selected: _SelectedModel | None = None
-    if search.has_repeats and search.has_misfit(final_fit):
+    # Without repeats nothing but predictions can tell a misfit from noise.
+    if not search.has_repeats or search.has_misfit(final_fit):
         progress(0.5, "predicting conditions that are left out")
         prediction = select_by_prediction(search, experiments, final_fit, lambda stage: progress(0.5, stage))
-        complete_fit = find_complete_model(search, base_fit, prediction[1])
+        complete_fit = find_complete_model(search, base_fit, prediction[1]) if search.has_repeats else None
         if complete_fit is None:
             progress(0.8, "fitting a data-driven term")
-            selected = _select_imperfect_model(*prediction, options)
+            selected = _select_imperfect_model(*prediction, options, has_repeats=search.has_repeats)
         else:
             final_fit = complete_fit
     if selected is None:
@@ -236,10 +237,10 @@ def _select_complete_model(
 
 
 def _select_imperfect_model(
-    selection: PredictiveSelection, result: PredictiveResult, options: DiagnosisOptions
+    selection: PredictiveSelection, result: PredictiveResult, options: DiagnosisOptions, *, has_repeats: bool
 ) -> _SelectedModel:
     """Return the model where the prediction of left-out conditions decides."""
-    verdict, reasons = decide_verdict(result)
+    verdict, reasons = decide_verdict(result, has_repeats=has_repeats)
     data, base_fit, final_fit = selection.data, result.base.fit, result.chosen.fit
     final_fit, has_converged = check_convergence(data, final_fit, np.random.default_rng(options.seed))
     equation_residuals = compute_equation_residuals(data, final_fit)

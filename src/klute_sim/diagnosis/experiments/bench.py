@@ -161,6 +161,8 @@ def prepare_bench_trial(trial: Trial, use: Use) -> BenchExperiment:
     time = start_time + dt * np.arange(1, int((end_time - start_time) / dt + 1e-6) + 1)
     is_moving = starts_in_motion(trial)
     warm_up = {"max_warm_up_fraction": MOVING_WARM_UP_FRACTION, "max_warm_up_time": MOVING_WARM_UP_TIME}
+    if is_moving and trial.measured.keys() == {"pressure"}:
+        warm_up = {"max_warm_up_time": 0.0}  # the state of the supply is known, and the muscle's does not matter
     return BenchExperiment(
         name=trial.name,
         group=trial.group,

@@ -150,19 +150,27 @@ class ForwardSelection:
         reason = "; ".join(rejections.values())
         return SelectionStep(current, tuple(candidates), tuple(refits), None, {}, reason, rejections)
 
-    def refit_candidates(self, current: Fit, candidates: Sequence[Candidate], bic_goal: float = np.inf) -> list[Fit]:
+    def refit_candidates(
+        self,
+        current: Fit,
+        candidates: Sequence[Candidate],
+        bic_goal: float = np.inf,
+        *,
+        rounds: Sequence[int] = REFIT_MAX_NFEV,
+    ) -> list[Fit]:
         """Return fits of ``current`` with each of ``candidates`` added, best first.
 
-        Candidates that lag behind the best one, or behind ``bic_goal``, are not fitted to the end.
+        Candidates that lag behind the best one, or behind ``bic_goal``, are not fitted to the end. ``rounds`` are the
+        maximum numbers of function evaluations of each round.
         """
         fits = []
         for index, candidate in enumerate(candidates):
             self.report_stage(f"fitting {candidate.term} ({index + 1} of {len(candidates)})")
             hypothesis = current.hypothesis.with_term(candidate.term)
             x0 = self._initial_guess(current, candidate)
-            fits.append(fit_hypothesis(self.data, hypothesis, x0, max_nfev=REFIT_MAX_NFEV[0]))
+            fits.append(fit_hypothesis(self.data, hypothesis, x0, max_nfev=rounds[0]))
         dropped: list[Fit] = []
-        for max_nfev, lag_fraction in zip(REFIT_MAX_NFEV[1:], MAX_BIC_LAG_FRACTIONS, strict=True):
+        for max_nfev, lag_fraction in zip(rounds[1:], MAX_BIC_LAG_FRACTIONS, strict=False):
             if not fits:
                 break
             best_bic = min([bic_goal, *map(self._bic, fits)])

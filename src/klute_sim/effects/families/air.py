@@ -107,9 +107,10 @@ def _make_resistance_parameter(key: str) -> EffectParameter:
         key=key,
         neutral=0.0,
         lower=0.0,
-        upper=50.0,
+        upper=500.0,
         typical=4.0,
-        source="1/C (ISO 6358); C = 1 dm3/(s bar) fills a 250 mm pair at 0.8 L0 in 0.18 s; assumed: a quarter of that",
+        source="1/C (ISO 6358); C = 1 dm3/(s bar) fills a 250 mm pair at 0.8 L0 in 0.18 s; assumed: a quarter of that; "
+        "at most a needle valve that fills a thin muscle in seconds",
     )
 
 
