@@ -13,15 +13,14 @@ from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals, decid
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
-from klute_sim.diagnosis.selection.predictive_selection import (
+from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
     PredictiveModel,
     PredictiveResult,
     choose_model,
     divide_into_folds,
-    screen_pairs,
-    weight_by_law_error,
 )
+from klute_sim.diagnosis.selection.predictive_selection import screen_pairs, weight_by_law_error
 from klute_sim.diagnosis.selection.screening import Candidate
 from tests.diagnosis.synthetic_dataset import make_repeats
 

@@ -32,8 +32,9 @@ LENGTH_OFFSET = 190.0
 """Length [mm] of the unit at position 0 of the log (assumed); it pushes as it shortens."""
 USES = ("fit", "validation", "fit", "test", "fit", "validation", "fit", "test", "fit")
 """Uses of nine strokes between upper reversals; warming and wear affect all uses."""
-EXCLUDED_EFFECTS = ("muscle_damping", "bladder_relaxation", "sensor_drift")
-"""Effects that do not apply: there is no muscle, and a drift over the log would act between strokes, not in each."""
+EXCLUDED_EFFECTS = ("muscle_damping", "bladder_relaxation", "sensor_drift", "regulator_error", "hose", "pressure_delay")
+"""Effects that do not apply: there is no muscle, no pressure is simulated, and a drift over the log would act between
+strokes, not in each."""
 
 DEVICE = """
 name = "pneumatic cylinder"

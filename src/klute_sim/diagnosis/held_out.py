@@ -22,7 +22,8 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
     """Set the residuals of ``diagnosis`` on its test trials, and demote a verdict that they do not confirm.
 
     A complete model must take most of the gap beyond noise. A model of an imperfect law must take at least half of the
-    share there that it takes of the trials that were left out. ``data`` hold the fitted trials with the noise between repeats.
+    share there that it takes of the trials that were left out. ``data`` hold the fitted trials with the noise between
+    repeats.
     """
     _compute_residuals(diagnosis, data)
     if diagnosis.evaluated_on != "test" or not diagnosis.added_terms:

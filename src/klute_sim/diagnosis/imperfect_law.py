@@ -15,14 +15,9 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.predictive_selection import (
-    MIN_SHARE,
-    MIN_STABILITY,
-    PredictiveModel,
-    PredictiveResult,
-    PredictiveSelection,
-    weight_by_law_error,
-)
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle
+from klute_sim.diagnosis.selection.predictive_model import MIN_STABILITY, PredictiveModel, PredictiveResult
+from klute_sim.diagnosis.selection.predictive_selection import MIN_SHARE, PredictiveSelection, weight_by_law_error
 
 FOLD_WORDS = {"condition": "condition", "specimen": "specimen", "part": "part of the trials"}
 """What a fold leaves out -> words."""
@@ -71,9 +66,9 @@ def find_complete_model(search: ForwardSelection, base_fit: Fit, result: Predict
     )
     for model in by_chi2[:MAX_COMPLETE_TRIALS]:
         refit = fit_hypothesis(search.data, model.fit.hypothesis, model.fit.x)
-        if not search.has_misfit(refit) and not search.rejection_reason(
-            base_fit, refit, search.compute_validation_gains(base_fit, refit)
-        ):
+        if search.has_misfit(refit) or find_naming_obstacle(search.data, refit):
+            continue
+        if not search.rejection_reason(base_fit, refit, search.compute_validation_gains(base_fit, refit)):
             return refit
     return None
 

@@ -14,7 +14,7 @@ from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.equation_residuals import EquationResidual
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, SelectionStep
 from klute_sim.diagnosis.selection.localization import MisfitRegion
-from klute_sim.diagnosis.selection.predictive_selection import PredictiveResult
+from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.robustness import EquivalentModel
 
 Verdict = Literal[

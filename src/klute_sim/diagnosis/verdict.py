@@ -10,7 +10,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.planning.identifiability import INDISTINGUISHABLE_COSINE
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.selection.predictive_selection import PredictiveResult
+from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.sparse_regression import format_formula
 from klute_sim.effects.families import instrument
 

@@ -39,7 +39,8 @@ from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.localization import locate_misfit
-from klute_sim.diagnosis.selection.predictive_selection import PredictiveModel, PredictiveResult, PredictiveSelection
+from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.diagnosis.selection.robustness import (
     EquivalentModel,
     check_convergence,

@@ -1,9 +1,12 @@
 """Obstacles to a name: a parameter at its bound, or an instrument that is further off than instruments are."""
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.effects.families import instrument
 
@@ -23,15 +26,8 @@ def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
     of the channels.
     """
     hypothesis = fit.hypothesis
-    lower, upper = hypothesis.bounds()
-    for index, (parameter, x) in enumerate(zip(hypothesis.parameters, fit.x, strict=True)):
-        if parameter.term_index is None:
-            continue
-        term = hypothesis.terms[parameter.term_index]
-        tolerance = BOUND_TOLERANCE * min(1.0, float(upper[index] - lower[index]))
-        for bound in (lower[index], upper[index]):
-            if math.isfinite(bound) and abs(float(x) - bound) < tolerance:
-                return f"{term} has '{parameter.name}' at its bound, {parameter.denormalize(float(bound)):.4g}"
+    for term, parameter, bound in _iterate_bounds_reached(fit):
+        return f"{term} has '{parameter.name}' at its bound, {parameter.denormalize(bound):.4g}"
     for index, term in enumerate(hypothesis.terms):
         if term.channel is not None and term.effect_definition is not instrument.QUANTIZATION:
             values = [
@@ -44,11 +40,27 @@ def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
     return ""
 
 
+def find_terms_at_bound(fit: Fit) -> list[EffectTerm]:
+    """Return the terms of ``fit`` that have a parameter at its bound, each once."""
+    return list(dict.fromkeys(term for term, _, _ in _iterate_bounds_reached(fit)))
+
+
+def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter, float]]:
+    """Yield term, parameter and normalized bound of each parameter of a term that is at its bound."""
+    hypothesis = fit.hypothesis
+    lower, upper = hypothesis.bounds()
+    for index, (parameter, x) in enumerate(zip(hypothesis.parameters, fit.x, strict=True)):
+        if parameter.term_index is None:
+            continue
+        tolerance = BOUND_TOLERANCE * min(1.0, float(upper[index] - lower[index]))
+        for bound in (float(lower[index]), float(upper[index])):
+            if math.isfinite(bound) and abs(float(x) - bound) < tolerance:
+                yield hypothesis.terms[parameter.term_index], parameter, bound
+
+
 def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, values: list[float]) -> bool:
     readings = [e.measured[channel].value for e in data.experiments if channel in e.measured]
     span = float(np.ptp(np.concatenate(readings)))
-    from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
-
     limit = MAX_INSTRUMENT_FRACTION * span / CHANNEL_UNITS[channel][1]
     if effect == instrument.SENSOR_GAIN.name:
         return abs(values[0] - 1.0) <= MAX_INSTRUMENT_FRACTION

@@ -16,11 +16,8 @@ three things change:
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from klute_sim.diagnosis.experiments.base import Experiment
@@ -28,100 +25,33 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_with_replacement
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_terms_at_bound
+from klute_sim.diagnosis.selection.predictive_model import (
+    FoldPart,
+    PredictiveModel,
+    PredictiveResult,
+    choose_model,
+    divide_into_folds,
+    is_as_good,
+    rank_model,
+)
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
-from klute_sim.types import Array, Mask
+from klute_sim.types import Array
 
 MAX_SINGLES, MAX_PAIRS, MAX_TRIPLES = 6, 6, 4
 """Largest number of models with one, two and three terms that are fitted."""
 COMPARISON_ROUNDS = (4, 6)
-"""Maximum numbers of function evaluations of the fits that are compared; the chosen one is fitted to the end."""
+"""Maximum numbers of function evaluations of the fits that are compared first."""
+MAX_LEADING, MAX_FINISHED = 4, 8
+"""Number of leading models that are fitted to the end before the decision, and largest number of such fits."""
 N_EXTENDED_PAIRS = 2
 """Number of pairs that are extended by a third term."""
-MIN_CONDITIONS, MIN_SPECIMENS = 3, 3
-"""Numbers of conditions and of specimens from which on these are left out."""
-N_PARTS = 6
-"""Number of parts of each trial where there are fewer conditions."""
-MIN_STABILITY = 0.8
-"""Fraction of the refits in which a name must be chosen again."""
 MIN_SHARE = 0.6
-"""Share of the explainable error of prediction that names must take (assumed: a proxy for an effect outside the catalogue
-takes less, named effects of measured muscles and seals take 0.78 to 1)."""
+"""Share of the explainable error of prediction that names must take (assumed: a proxy for an effect outside the
+catalogue takes less, named effects of measured muscles and seals take 0.78 to 1)."""
 MIN_DETERMINANT = 0.05
 """Smallest determinant of a pair's cosines; below, the two effects are one to these data."""
-
-
-class FoldPart(NamedTuple):
-    """Part of a trial that a fold leaves out."""
-
-    trial: int
-    """Index of the trial."""
-    start: float = 0.0
-    """Beginning of the part, as a fraction of the trial."""
-    end: float = 1.0
-    """End of the part; at 1 the last samples belong to it."""
-
-    def select(self, experiment: Experiment, channel: str) -> Mask:
-        """Return which samples of ``channel`` belong to the part, (samples,)."""
-        phase = (experiment.measured[channel].time - experiment.start_time) / experiment.duration
-        return np.asarray((phase >= self.start) & ((phase < self.end) | (self.end >= 1.0)))
-
-
-@dataclass(frozen=True, eq=False)
-class PredictiveModel:
-    """A model and its errors of prediction."""
-
-    fit: Fit
-    """Fit to all conditions."""
-    errors: Array
-    """Mean squared error of prediction of each fold that is left out, over that of the law, (folds,)."""
-    leave_one_out: Array
-    """Normalized parameters of the fit without each fold, (folds, parameters)."""
-    obstacle: str = ""
-    """Why the model may not be named; '' if it may."""
-
-    @property
-    def terms(self) -> tuple[EffectTerm, ...]:
-        """Added terms."""
-        return self.fit.hypothesis.terms
-
-    @property
-    def identities(self) -> frozenset[tuple[str, str | None, str | None]]:
-        """What the terms stand for."""
-        return frozenset(term.identity for term in self.terms)
-
-    @property
-    def error(self) -> float:
-        """Mean error of prediction."""
-        return float(self.errors.mean())
-
-
-@dataclass(frozen=True, eq=False)
-class PredictiveResult:
-    """Result of the selection."""
-
-    base: PredictiveModel
-    """Model without added effects."""
-    chosen: PredictiveModel
-    """Chosen model; :attr:`base` if no effect predicts better."""
-    rivals: Sequence[PredictiveModel]
-    """Models with other terms, as simple as the chosen one, that predict as well."""
-    models: Sequence[PredictiveModel]
-    """All models, best first."""
-    stability: dict[EffectTerm, float]
-    """Fraction of the refits in which each term of the chosen model is chosen again."""
-    share: float
-    """Share of the explainable error of prediction that the chosen model takes; noise cannot be explained."""
-    fold_kind: str
-    """What is left out: 'condition', 'specimen' or 'part'."""
-    n_folds: int
-    """Number of conditions, specimens or parts."""
-
-    @property
-    def is_stable(self) -> bool:
-        """Whether every name is chosen again in most refits."""
-        return min(self.stability.values(), default=0.0) >= MIN_STABILITY
 
 
 @dataclass(eq=False)
@@ -174,7 +104,24 @@ class PredictiveSelection:
         for terms in known_models:
             self._add_known(base_fit, terms, fits)
         self.report_stage("predicting conditions that are left out")
-        models = sorted([base, *map(self.assess, fits.values())], key=lambda model: (model.error, str(model.terms)))
+        models = sorted([base, *map(self.assess, fits.values())], key=rank_model)
+        known = {frozenset(model.terms) for model in models}
+        for model in models[:MAX_LEADING]:
+            simpler = self._simplify_at_bound(model.fit)
+            if simpler is not None and frozenset(simpler.hypothesis.terms) not in known:
+                models.append(self.assess(simpler))
+        models.sort(key=rank_model)
+        n_finished = 0
+        while True:  # a model that is fitted to the end may reach a bound, or fall behind another one
+            leading = [model for model in models if not model.obstacle][:MAX_LEADING]
+            unfinished = [model for model in leading if not model.fit.converged]
+            if not unfinished or n_finished >= MAX_FINISHED:
+                break
+            n_finished += 1
+            fit = unfinished[0].fit
+            finished = self.assess(fit_hypothesis(self.data, fit.hypothesis, fit.x, fit.jacobian))
+            finished = replace(finished, fit=replace(finished.fit, converged=True))
+            models = sorted([finished if model is unfinished[0] else model for model in models], key=rank_model)
         return self._decide(base, models)
 
     def _refit(self, current: Fit, candidates: Sequence[Candidate]) -> list[Fit]:
@@ -196,6 +143,16 @@ class PredictiveSelection:
             if key not in fits:  # the term has no influence
                 return
             current = fits[key]
+
+    def _simplify_at_bound(self, fit: Fit) -> Fit | None:
+        """Return ``fit`` with the simplest form of each effect that has a parameter at its bound; None without any."""
+        simplified = fit
+        for term in find_terms_at_bound(fit):
+            forms = sorted(term.effect_definition.forms, key=lambda form: len(form.parameters))
+            if term.number is None and len(forms[0].parameters) < len(term.parameters):
+                simpler = EffectTerm(term.effect, forms[0].name, term.channel)
+                simplified = refit_with_replacement(self.data, simplified, term, simpler)
+        return None if simplified is fit else simplified
 
     def assess(self, fit: Fit) -> PredictiveModel:
         """Return the errors of prediction of ``fit``.
@@ -253,7 +210,7 @@ class PredictiveSelection:
             for model in nameable
             if len(model.terms) == len(chosen.terms)
             and model.identities != chosen.identities
-            and _is_as_good(model, chosen)
+            and is_as_good(model, chosen)
         ]
         distinct = {model.identities: model for model in reversed(rivals)}
         noise_fractions = [
@@ -274,28 +231,6 @@ class PredictiveSelection:
             self.fold_kind,
             len(self.folds),
         )
-
-
-def divide_into_folds(experiments: Sequence[Experiment]) -> tuple[list[list[FoldPart]], str]:
-    """Return what each fold of ``experiments`` leaves out, and what a fold is.
-
-    Specimens are left out where there are :data:`MIN_SPECIMENS` or more, conditions (groups of repeats) where there are
-    :data:`MIN_CONDITIONS` or more, and :data:`N_PARTS` contiguous parts of every trial otherwise: all repeats of a
-    condition have the same part of it left out.
-    """
-    specimens: dict[str, list[FoldPart]] = {}
-    for index, e in enumerate(experiments):
-        specimens.setdefault(e.specimen, []).append(FoldPart(index))
-    if len(specimens) >= MIN_SPECIMENS:
-        return list(specimens.values()), "specimen"
-    conditions = group_repeats(experiments).values()
-    if len(conditions) >= MIN_CONDITIONS:
-        return [[FoldPart(index) for index in members] for members in conditions], "condition"
-    edges = np.linspace(0.0, 1.0, N_PARTS + 1)
-    return [
-        [FoldPart(index, float(start), float(end)) for index in range(len(experiments))]
-        for start, end in pairwise(edges)
-    ], "part"
 
 
 def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], residuals: Residuals) -> WeightedData:
@@ -371,21 +306,3 @@ def _select_best(candidates: Sequence[Candidate], count: int) -> list[Candidate]
         if candidate.predicted_gain > 0.0:
             best.setdefault(candidate.term.identity, candidate)
     return list(best.values())[:count]
-
-
-def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp]) -> PredictiveModel:
-    """Return the simplest of ``models`` within one standard error of the best prediction of ``folds``.
-
-    The standard error is that of the differences between the two models over the folds, which are paired.
-    """
-    best = min(models, key=lambda model: (float(model.errors[folds].mean()), str(model.terms)))
-    good = [model for model in models if _is_as_good(model, best, folds)]
-    return min(good, key=lambda model: (len(model.terms), float(model.errors[folds].mean()), str(model.terms)))
-
-
-def _is_as_good(model: PredictiveModel, best: PredictiveModel, folds: NDArray[np.intp] | None = None) -> bool:
-    differences = model.errors - best.errors
-    if folds is not None:
-        differences = differences[folds]
-    standard_error = float(differences.std(ddof=1)) / np.sqrt(len(differences)) if len(differences) > 1 else 0.0
-    return float(differences.mean()) <= standard_error

@@ -1,0 +1,140 @@
+"""Models that are judged by what they predict of trials that were left out: folds, errors, and the choice."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.noise.repeats import group_repeats
+from klute_sim.types import Array, Mask
+
+MIN_CONDITIONS, MIN_SPECIMENS = 3, 3
+"""Numbers of conditions and of specimens from which on these are left out."""
+N_PARTS = 6
+"""Number of parts of each trial where there are fewer conditions."""
+MIN_STABILITY = 0.8
+"""Fraction of the refits in which a name must be chosen again."""
+
+
+class FoldPart(NamedTuple):
+    """Part of a trial that a fold leaves out."""
+
+    trial: int
+    """Index of the trial."""
+    start: float = 0.0
+    """Beginning of the part, as a fraction of the trial."""
+    end: float = 1.0
+    """End of the part; at 1 the last samples belong to it."""
+
+    def select(self, experiment: Experiment, channel: str) -> Mask:
+        """Return which samples of ``channel`` belong to the part, (samples,)."""
+        phase = (experiment.measured[channel].time - experiment.start_time) / experiment.duration
+        return np.asarray((phase >= self.start) & ((phase < self.end) | (self.end >= 1.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class PredictiveModel:
+    """A model and its errors of prediction."""
+
+    fit: Fit
+    """Fit to all conditions."""
+    errors: Array
+    """Mean squared error of prediction of each fold that is left out, over that of the law, (folds,)."""
+    leave_one_out: Array
+    """Normalized parameters of the fit without each fold, (folds, parameters)."""
+    obstacle: str = ""
+    """Why the model may not be named; '' if it may."""
+
+    @property
+    def terms(self) -> tuple[EffectTerm, ...]:
+        """Added terms."""
+        return self.fit.hypothesis.terms
+
+    @property
+    def identities(self) -> frozenset[tuple[str, str | None, str | None]]:
+        """What the terms stand for."""
+        return frozenset(term.identity for term in self.terms)
+
+    @property
+    def error(self) -> float:
+        """Mean error of prediction."""
+        return float(self.errors.mean())
+
+
+@dataclass(frozen=True, eq=False)
+class PredictiveResult:
+    """Result of the selection."""
+
+    base: PredictiveModel
+    """Model without added effects."""
+    chosen: PredictiveModel
+    """Chosen model; :attr:`base` if no effect predicts better."""
+    rivals: Sequence[PredictiveModel]
+    """Models with other terms, as simple as the chosen one, that predict as well."""
+    models: Sequence[PredictiveModel]
+    """All models, best first."""
+    stability: dict[EffectTerm, float]
+    """Fraction of the refits in which each term of the chosen model is chosen again."""
+    share: float
+    """Share of the explainable error of prediction that the chosen model takes; noise cannot be explained."""
+    fold_kind: str
+    """What is left out: 'condition', 'specimen' or 'part'."""
+    n_folds: int
+    """Number of conditions, specimens or parts."""
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether every name is chosen again in most refits."""
+        return min(self.stability.values(), default=0.0) >= MIN_STABILITY
+
+
+def divide_into_folds(experiments: Sequence[Experiment]) -> tuple[list[list[FoldPart]], str]:
+    """Return what each fold of ``experiments`` leaves out, and what a fold is.
+
+    Specimens are left out where there are :data:`MIN_SPECIMENS` or more, conditions (groups of repeats) where there are
+    :data:`MIN_CONDITIONS` or more, and :data:`N_PARTS` contiguous parts of every trial otherwise: all repeats of a
+    condition have the same part of it left out.
+    """
+    specimens: dict[str, list[FoldPart]] = {}
+    for index, e in enumerate(experiments):
+        specimens.setdefault(e.specimen, []).append(FoldPart(index))
+    if len(specimens) >= MIN_SPECIMENS:
+        return list(specimens.values()), "specimen"
+    conditions = group_repeats(experiments).values()
+    if len(conditions) >= MIN_CONDITIONS:
+        return [[FoldPart(index) for index in members] for members in conditions], "condition"
+    edges = np.linspace(0.0, 1.0, N_PARTS + 1)
+    return [
+        [FoldPart(index, float(start), float(end)) for index in range(len(experiments))]
+        for start, end in pairwise(edges)
+    ], "part"
+
+
+def rank_model(model: PredictiveModel) -> tuple[float, str]:
+    """Return the key that sorts models by their error; equal errors are sorted by name, so that order is reproducible."""
+    return model.error, str(model.terms)
+
+
+def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp]) -> PredictiveModel:
+    """Return the simplest of ``models`` within one standard error of the best prediction of ``folds``.
+
+    The standard error is that of the differences between the two models over the folds, which are paired.
+    """
+    best = min(models, key=lambda model: (float(model.errors[folds].mean()), str(model.terms)))
+    good = [model for model in models if is_as_good(model, best, folds)]
+    return min(good, key=lambda model: (len(model.terms), float(model.errors[folds].mean()), str(model.terms)))
+
+
+def is_as_good(model: PredictiveModel, best: PredictiveModel, folds: NDArray[np.intp] | None = None) -> bool:
+    """Return whether ``model`` predicts ``folds`` (all by default) within one standard error as well as ``best``."""
+    differences = model.errors - best.errors
+    if folds is not None:
+        differences = differences[folds]
+    standard_error = float(differences.std(ddof=1)) / np.sqrt(len(differences)) if len(differences) > 1 else 0.0
+    return float(differences.mean()) <= standard_error
