@@ -116,6 +116,7 @@ def test_error_of_the_law_is_shared_by_repeats() -> None:
     simulator.close()
     assert weighted.noise["force"].std == pytest.approx(np.sqrt(np.mean(residuals[0]["force"] ** 2)))
     # Four repeats tell as much about the law as one.
+    assert len(weighted.experiments) == 1
     assert weighted.n_effective == pytest.approx(one.n_effective)
     assert weighted.n_effective < 5.0
 

@@ -41,6 +41,8 @@ START_SIZES = (0.01, 0.016, 0.025, 0.04, 0.063, 0.1, 0.16, 0.25, 0.4, 0.63, 1.0)
 influence at one size and too much at another, so linear extrapolation fails."""
 MIN_START_GAIN_FRACTION = 0.3
 """Fraction of the predicted gain that a starting point must reach, else :data:`START_SIZES` are tried."""
+MIN_PREDICTED_FRACTION = 0.02
+"""Fraction of the largest predicted gain below which a candidate is not fitted."""
 MAX_ACCEPTANCE_TESTS = 3
 """Number of candidates of the shortlist that are tested on validation trials."""
 MAX_BIC_LAG_FRACTIONS = (0.3, 0.1)
@@ -131,7 +133,10 @@ class ForwardSelection:
         self.report_stage(f"screening {len(unused)} candidates")
         candidates = screen_candidates(self.data, current, unused)
         min_gain = self.bic_threshold + float(np.log(self.data.n_effective))
-        promising = [c for c in candidates if c.predicted_gain > 0.5 * min_gain]
+        best_gain = max((c.predicted_gain for c in candidates), default=0.0)
+        promising = [
+            c for c in candidates if c.predicted_gain > max(0.5 * min_gain, MIN_PREDICTED_FRACTION * best_gain)
+        ]
         if not promising:
             reason = "no effect is predicted to explain more than noise would"
             return SelectionStep(current, tuple(candidates), (), None, {}, reason)

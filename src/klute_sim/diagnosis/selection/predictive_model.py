@@ -18,6 +18,8 @@ MIN_CONDITIONS, MIN_SPECIMENS = 3, 3
 """Numbers of conditions and of specimens from which on these are left out."""
 N_PARTS = 6
 """Number of parts of each trial where there are fewer conditions."""
+MIN_TERM_SHARE = 0.02
+"""Share of the largest error of prediction that a further term must take (assumed; less is of no use to anybody)."""
 MIN_STABILITY = 0.8
 """Fraction of the refits in which a name must be chosen again."""
 
@@ -117,17 +119,25 @@ def divide_into_folds(experiments: Sequence[Experiment]) -> tuple[list[list[Fold
 
 
 def rank_model(model: PredictiveModel) -> tuple[float, str]:
-    """Return the key that sorts models by their error; equal errors are sorted by name, so that order is reproducible."""
+    """Return the key that sorts models by their error, and by name where errors are equal."""
     return model.error, str(model.terms)
 
 
 def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp]) -> PredictiveModel:
     """Return the simplest of ``models`` within one standard error of the best prediction of ``folds``.
 
+    A further term must also take at least :data:`MIN_TERM_SHARE` of the largest error.
+
     The standard error is that of the differences between the two models over the folds, which are paired.
     """
     best = min(models, key=lambda model: (float(model.errors[folds].mean()), str(model.terms)))
-    good = [model for model in models if is_as_good(model, best, folds)]
+    errors = [float(model.errors[folds].mean()) for model in models]
+    margin = MIN_TERM_SHARE * (max(errors) - min(errors))
+    good = [
+        model
+        for model, error in zip(models, errors, strict=True)
+        if error <= min(errors) + margin or is_as_good(model, best, folds)
+    ]
     return min(good, key=lambda model: (len(model.terms), float(model.errors[folds].mean()), str(model.terms)))
 
 

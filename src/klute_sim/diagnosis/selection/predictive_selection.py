@@ -23,7 +23,6 @@ from scipy.optimize import lsq_linear
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
-from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_with_replacement
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_terms_at_bound
@@ -41,10 +40,11 @@ from klute_sim.types import Array
 
 MAX_SINGLES, MAX_PAIRS, MAX_TRIPLES = 6, 6, 4
 """Largest number of models with one, two and three terms that are fitted."""
-COMPARISON_ROUNDS = (4, 6)
-"""Maximum numbers of function evaluations of the fits that are compared first."""
+COMPARISON_ROUNDS = (5,)
+"""Maximum number of function evaluations of the fits that are compared first."""
 MAX_LEADING, MAX_FINISHED = 4, 8
-"""Number of leading models that are fitted to the end before the decision, and largest number of such fits."""
+"""Number of leading models that are fitted to the end before the decision, and largest number of such fits and of
+simplified models."""
 N_EXTENDED_PAIRS = 2
 """Number of pairs that are extended by a third term."""
 MIN_SHARE = 0.6
@@ -106,7 +106,7 @@ class PredictiveSelection:
         self.report_stage("predicting conditions that are left out")
         models = sorted([base, *map(self.assess, fits.values())], key=rank_model)
         known = {frozenset(model.terms) for model in models}
-        for model in models[:MAX_LEADING]:
+        for model in models[:MAX_FINISHED]:
             simpler = self._simplify_at_bound(model.fit)
             if simpler is not None and frozenset(simpler.hypothesis.terms) not in known:
                 models.append(self.assess(simpler))
@@ -234,9 +234,9 @@ class PredictiveSelection:
 
 
 def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], residuals: Residuals) -> WeightedData:
-    """Return ``experiments`` with the ``residuals`` of the best model as noise.
+    """Return one of ``experiments`` for each condition, with the ``residuals`` of the best model as noise.
 
-    Repeats of a condition share the error of the law, so a condition counts once, however often it was repeated.
+    Repeats of a condition share the error of the law, so they add nothing; the one with the most samples is kept.
     Channels without noise in ``data`` do not count.
     """
     plain = [replace(e, noise_scale={}, input_error_scale={}) for e in experiments]
@@ -244,16 +244,12 @@ def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], r
     for channel, estimate in estimate_noise_from_residuals(plain, residuals).items():
         if channel not in data.noise:
             continue
-        members = group_repeats([e for e in plain if channel in e.measured]).values()
-        n_repeats = float(np.mean([len(group) for group in members]))
-        noise[channel] = Noise(
-            max(estimate.std, data.noise[channel].std),
-            tuple(
-                Autocorrelation(a.sampling_interval, a.correlation_time * n_repeats, a.n_samples)
-                for a in estimate.autocorrelations
-            ),
-        )
-    return WeightedData(data.simulator, plain, noise, data.cache)
+        noise[channel] = estimate._replace(std=max(estimate.std, data.noise[channel].std))
+    kept = [
+        max((plain[index] for index in members), key=lambda e: sum(len(s.time) for s in e.measured.values()))
+        for members in group_repeats(plain).values()
+    ]
+    return WeightedData(data.simulator, kept, noise, data.cache)
 
 
 def screen_pairs(base_fit: Fit, candidates: Sequence[Candidate]) -> list[tuple[Candidate, Candidate]]:
