@@ -37,7 +37,8 @@ def test_insufficient_data_are_reported_with_the_fix() -> None:
     )
     assert uninformative.startswith("Neither force nor muscle length")
     pressure_only = [replace(e, measured={"pressure": e.measured["force"]}) for e in sufficient]
-    assert data_quality.find_blocking_problems(pressure_only) == []
+    assert len(data_quality.find_blocking_problems(pressure_only)) == 1
+    assert data_quality.find_blocking_problems(pressure_only, judges_supply=True) == []
     (limitation,) = data_quality.find_limitations(pressure_only)
     assert "the supply is judged" in limitation
     assert data_quality.find_limitations(sufficient) == []

@@ -77,15 +77,18 @@ def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simu
         usable,
         fit_experiments,
         [*remarks, *find_limitations(fit_experiments)],
-        [*problems, *find_blocking_problems(fit_experiments)],
+        [*problems, *find_blocking_problems(fit_experiments, judges_supply=is_supply_only(experiments))],
     )
 
 
-def find_blocking_problems(experiments: Sequence[Experiment]) -> list[str]:
-    """Return the reasons why fits to ``experiments`` cannot diagnose the device, with the fix; empty if they can."""
+def find_blocking_problems(experiments: Sequence[Experiment], *, judges_supply: bool = False) -> list[str]:
+    """Return the reasons why fits to ``experiments`` cannot diagnose the device, with the fix; empty if they can.
+
+    Where ``judges_supply``, nothing but the pressure was ever measured, and the supply alone is to be judged.
+    """
     problems = []
     informative = experiments[0].informative_channels
-    if not set(informative) & set(list_channels(experiments)) and not is_supply_only(experiments):
+    if not set(informative) & set(list_channels(experiments)) and not judges_supply:
         names = [channel.replace("_", " ") for channel in informative]
         problems.append(
             f"Neither {', '.join(names[:-1])} nor {names[-1]} is usable, so the data contain no information about "
