@@ -204,8 +204,6 @@ def compute_misfit_of_one_seal(logs: list[Log], force_n: float, growth_per_bar: 
     return measured - known @ np.linalg.lstsq(known, measured, rcond=None)[0]
 
 
-IDENTIFIABLE = {"O-ring257_1bar", "O-ring257_7bar", "X-ring257_7bar"}
-"""Logs whose repeats differ so much that only a constant friction is identifiable."""
 FILES = sorted(DATA.glob("*.csv"))
 
 pytestmark = [
@@ -274,7 +272,9 @@ def test_seal_friction_of_measured_cylinders_is_identified(file: Path, tmp_path:
     assert "seal_friction" in effects
     assert compute_friction(result, compute_speeds(measured)) == pytest.approx(difference, rel=0.2)
     # The seal's area differs from that of the bore; the difference appears as an instrument effect.
-    assert effects <= {"seal_friction", "sensor_offset", "sensor_lag", "unknown_force"}
-    assert (result.verdict == "identified") == (file.stem in IDENTIFIABLE)
-    assert result.verdict in ("identified", "unexplained")
-    assert result.channel_rms["force"].with_effects < 0.25 * result.channel_rms["force"].nominal
+    assert effects <= {"seal_friction", "sensor_offset", "sensor_lag"}
+    assert result.verdict in ("identified", "identified-in-part")
+    assert result.held_out == "confirmed"
+    if result.prediction is not None:
+        assert result.prediction.share > 0.7
+    assert result.channel_rms["force"].with_effects < 0.35 * result.channel_rms["force"].nominal
