@@ -138,7 +138,7 @@ def test_clean_data_miss_nothing(tmp_path: Path) -> None:
     diagnosis = diagnose(data)
     assert diagnosis.verdict == "nothing-missing", diagnosis.reasons
     assert diagnosis.channel_rms["force"].with_effects < 1.1 * diagnosis.channel_rms["force"].noise_floor
-    assert verdict_to_dict(diagnosis)["device_file"] is None
+    assert verdict_to_dict(diagnosis)["device_file"] == "device.toml"
 
 
 @pytest.mark.long
@@ -283,8 +283,20 @@ def test_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     verdict = json.loads(process.stdout)
     assert verdict == json.loads((tmp_path / "results" / "verdict.json").read_text("utf-8"))
     assert set(verdict) == {
-        *("schema", "verdict", "reasons", "effects", "alternatives", "indistinguishable", "split", "where", "gap"),
-        *("rejected", "next_experiment", "device_file", "accepted"),
+        *(
+            "schema",
+            "verdict",
+            "reasons",
+            "effects",
+            "alternatives",
+            "indistinguishable",
+            "split",
+            "numbers",
+            "held_out",
+            "where",
+            "gap",
+        ),
+        *("rejected", "next_experiment", "device_file", "accepted", "prediction", "recommended"),
     }
     assert verdict["schema"] == "klute-sim-verdict/2"
     assert verdict["effects"][0]["parameters"]["coefficient_n_s_per_m"]["value"] == pytest.approx(400.0, rel=0.05)

@@ -8,9 +8,12 @@ from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.fitting.least_squares import WeightedData
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.result import ChannelRms, Diagnosis
+from klute_sim.types import Array
 
 MAX_REMAINING_FRACTION = 0.6
 """Largest fraction of the squared gap beyond noise that a complete model may leave on test trials (assumed)."""
+MIN_CHANGE = 0.02
+"""Relative change of a gap from which on effects change a channel whose noise is unknown."""
 MIN_SHARE_FRACTION = 0.5
 """Smallest fraction of the share that a model of an imperfect law takes on other trials, to be taken on test trials
 (assumed)."""
@@ -32,7 +35,7 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
         (np.square([gap.refitted, gap.with_effects]) / gap.noise_floor**2 - 1.0)
         for gap in diagnosis.channel_rms.values()
         if gap.noise_floor
-    ] or [np.square([gap.refitted, gap.with_effects]) / gap.refitted**2 for gap in diagnosis.channel_rms.values()]
+    ] or _compare_without_noise(diagnosis)
     refitted, with_effects = np.sum(squares, axis=0)
     diagnosis.is_worse_on_test = bool(with_effects > refitted + NEGLIGIBLE_GAP * len(squares))
     if diagnosis.prediction is not None:
@@ -57,6 +60,13 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
         diagnosis.reasons.insert(
             0, "On the test trials the refitted device without effects predicts better; it is the one recommended."
         )
+
+
+def _compare_without_noise(diagnosis: Diagnosis) -> list[Array]:
+    """Return the squared gaps, refitted and with effects, over the refitted one, of the channels that effects change."""
+    gaps = list(diagnosis.channel_rms.values())
+    changed = [gap for gap in gaps if abs(gap.with_effects / gap.refitted - 1.0) > MIN_CHANGE]
+    return [np.square([gap.refitted, gap.with_effects]) / gap.refitted**2 for gap in changed or gaps]
 
 
 def _compute_residuals(result: Diagnosis, data: WeightedData) -> None:

@@ -25,6 +25,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.imperfect_law import (
+    ImperfectLawDecision,
     compute_jackknife_intervals,
     decide_verdict,
     find_complete_model,
@@ -126,11 +127,15 @@ def _run_workflow(
         progress(0.5, "predicting conditions that are left out")
         prediction = select_by_prediction(search, experiments, final_fit, lambda stage: progress(0.5, stage))
         complete_fit = find_complete_model(search, base_fit, prediction[1]) if search.has_repeats else None
-        if complete_fit is None:
-            progress(0.8, "fitting a data-driven term")
-            selected = _select_imperfect_model(*prediction, options, has_repeats=search.has_repeats)
-        else:
+        decision = decide_verdict(prediction[1], has_repeats=search.has_repeats)
+        if complete_fit is not None:
             final_fit = complete_fit
+        elif decision.verdict in ("identified-in-part", "indistinguishable"):
+            selected = _select_imperfect_model(*prediction, decision, options)
+        else:  # nothing is named: proxies and a data-driven term follow
+            selected = _select_complete_model(search, base_fit, final_fit, options, progress)
+            reasons_of_both = [*decision.reasons, *selected.reasons]
+            selected = selected._replace(verdict=decision.verdict, reasons=reasons_of_both, prediction=prediction[1])
     if selected is None:
         selected = _select_complete_model(search, base_fit, final_fit, options, progress)
     if quantizers and "quantisation" not in options.exclude:
@@ -238,31 +243,27 @@ def _select_complete_model(
 
 
 def _select_imperfect_model(
-    selection: PredictiveSelection, result: PredictiveResult, options: DiagnosisOptions, *, has_repeats: bool
+    selection: PredictiveSelection,
+    result: PredictiveResult,
+    decision: ImperfectLawDecision,
+    options: DiagnosisOptions,
 ) -> _SelectedModel:
-    """Return the model where the prediction of left-out conditions decides."""
-    verdict, reasons = decide_verdict(result, has_repeats=has_repeats)
-    data, base_fit, final_fit = selection.data, result.base.fit, result.chosen.fit
-    final_fit, has_converged = check_convergence(data, final_fit, np.random.default_rng(options.seed))
-    equation_residuals = compute_equation_residuals(data, final_fit)
-    if verdict == "unexplained":
-        final_fit, has_converged, sentences = _add_discrepancy_term(
-            selection.search, final_fit, base_fit, equation_residuals, options, has_converged
-        )
-        reasons += sentences
+    """Return the model where the prediction of left-out conditions has decided for names."""
+    data, base_fit = selection.data, result.base.fit
+    final_fit, has_converged = check_convergence(data, result.chosen.fit, np.random.default_rng(options.seed))
     equivalent_models = [
         EquivalentModel(rival.fit, _find_replaced_term(result, rival), rival.error - result.chosen.error)
-        for rival in (result.rivals if verdict == "indistinguishable" else ())
+        for rival in (result.rivals if decision.verdict == "indistinguishable" else ())
     ]
     return _SelectedModel(
-        verdict,
-        reasons,
+        decision.verdict,
+        decision.reasons,
         data,
         base_fit,
         final_fit,
         compute_jackknife_intervals(selection.assess(final_fit)),
         equivalent_models,
-        equation_residuals,
+        compute_equation_residuals(data, final_fit),
         has_converged,
         result,
     )

@@ -17,6 +17,8 @@ MIN_RESTART_OFFSET = 0.02
 """Minimum distance of the restart from the fit, in normalized parameters."""
 MAX_GAIN_LAG_FRACTION = 0.03
 """Fraction of the fall of BIC by which a rival may lag that explains the data to the noise, too (assumed)."""
+MAX_LAG_FACTOR = 5.0
+"""Largest such lag over the difference of BIC that decides (assumed)."""
 CHI2_TOLERANCE = 1.0
 """Difference of chi squared below which two fits agree."""
 
@@ -90,7 +92,8 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
             replacement, bic_difference = refit.hypothesis.terms[-1], refit.bic(data.n_effective) - best_bic
             if replacement.identity == term.identity:
                 continue
-            max_lag = MAX_GAIN_LAG_FRACTION * (reduced_fit.bic(data.n_effective) - best_bic)
+            gain = reduced_fit.bic(data.n_effective) - best_bic
+            max_lag = min(MAX_GAIN_LAG_FRACTION * gain, MAX_LAG_FACTOR * search.bic_threshold)
             is_close = is_complete and bic_difference <= max_lag and not search.has_misfit(refit)
             if bic_difference > search.bic_threshold and not is_close:
                 continue
