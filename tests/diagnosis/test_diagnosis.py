@@ -283,20 +283,9 @@ def test_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     verdict = json.loads(process.stdout)
     assert verdict == json.loads((tmp_path / "results" / "verdict.json").read_text("utf-8"))
     assert set(verdict) == {
-        *(
-            "schema",
-            "verdict",
-            "reasons",
-            "effects",
-            "alternatives",
-            "indistinguishable",
-            "split",
-            "numbers",
-            "held_out",
-            "where",
-            "gap",
-        ),
-        *("rejected", "next_experiment", "device_file", "accepted", "prediction", "recommended"),
+        *("schema", "verdict", "reasons", "effects", "numbers", "alternatives", "indistinguishable", "split"),
+        *("where", "gap", "held_out", "prediction", "recommended"),
+        *("rejected", "next_experiment", "device_file", "accepted"),
     }
     assert verdict["schema"] == "klute-sim-verdict/2"
     assert verdict["effects"][0]["parameters"]["coefficient_n_s_per_m"]["value"] == pytest.approx(400.0, rel=0.05)

@@ -63,7 +63,7 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
 
 
 def _compare_without_noise(diagnosis: Diagnosis) -> list[Array]:
-    """Return the squared gaps, refitted and with effects, over the refitted one, of the channels that effects change."""
+    """Return squared gaps, refitted and with effects, over the refitted one, of the channels that effects change."""
     gaps = list(diagnosis.channel_rms.values())
     changed = [gap for gap in gaps if abs(gap.with_effects / gap.refitted - 1.0) > MIN_CHANGE]
     return [np.square([gap.refitted, gap.with_effects]) / gap.refitted**2 for gap in changed or gaps]

@@ -23,7 +23,7 @@ TOE_CATCH_COST, FALL_COST = 1e9, 1e12
 
 The search uses only the ranks of the costs.
 """
-MOMENT_PEAK_COST = 400.0
+MOMENT_PEAK_COST = 2000.0
 """Cost per square of the relative error of the peak moment above :data:`MAX_MOMENT_PEAK_ERROR` (assumed)."""
 MAX_MOMENT_PEAK_ERROR = 0.05
 """Relative error of the peak moment without cost [1]: half of what ``klute-sim assess`` allows (assumed)."""
