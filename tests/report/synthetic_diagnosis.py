@@ -138,6 +138,9 @@ def with_html_attack(diagnosis: Diagnosis) -> Diagnosis:
         experiments=[
             replace(e, name=t.name, group=HTML_ATTACK) for e, t in zip(diagnosis.experiments, trials, strict=True)
         ],
+        fitted_experiments=[
+            replace(e, name=f"{HTML_ATTACK}{k}", group=HTML_ATTACK) for k, e in enumerate(diagnosis.fitted_experiments)
+        ],
         selection_history=[
             replace(step, validation_gains={HTML_ATTACK: 0.1}, reason=HTML_ATTACK)
             for step in diagnosis.selection_history

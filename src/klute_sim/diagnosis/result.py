@@ -91,6 +91,8 @@ class Diagnosis:
     """Trials of :attr:`channel_rms`: test trials, or fitted trials where no test trial exists."""
     experiments: list[Experiment] = field(default_factory=list)
     """All trials, ready to be simulated."""
+    fitted_experiments: list[Experiment] = field(default_factory=list)
+    """Trials of :attr:`base_fit` and :attr:`final_fit`, in the order of their residuals."""
     quantizers: dict[str, Quantizer] = field(default_factory=dict)
     """Quantised channels."""
     n_independent: float = 0.0

@@ -164,6 +164,7 @@ def _run_workflow(
         equation_residuals=selected.equation_residuals,
         selection_history=search.history,
         experiments=experiments,
+        fitted_experiments=list(selected.data.experiments),
         n_independent=search.data.n_effective,
         quantizers=quantizers,
         has_repeats=search.has_repeats,

@@ -44,7 +44,7 @@ def collect_residuals(diagnosis: Diagnosis, channel: str) -> ResidualSamples:
     rows = []
     base, final = diagnosis.base_fit, diagnosis.final_fit
     if base is not None and final is not None:
-        fitted = [e for e in diagnosis.experiments if e.use == "fit" and e.measured]
+        fitted = diagnosis.fitted_experiments
         for experiment, before, after in zip(fitted, base.residuals, final.residuals, strict=True):
             if channel in experiment.measured:
                 rows.append(_collect_trial_residuals(experiment, channel, before, after, diagnosis.noise[channel].std))

@@ -209,7 +209,7 @@ def _build_gap_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
 
 def _build_noise_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
     rows = []
-    fitted = [e for e in diagnosis.experiments if e.use == "fit" and e.measured]
+    fitted = diagnosis.fitted_experiments
     misfits = [
         estimate_misfit(fitted, fit.residuals, diagnosis.noise) if fit is not None else {}
         for fit in (diagnosis.base_fit, diagnosis.final_fit)

@@ -37,7 +37,7 @@ def build_rows(diagnosis: Diagnosis, simulated_trials: Sequence[SimulatedTrial])
     rows: list[ResidualRow] = []
     base, final = diagnosis.base_fit, diagnosis.final_fit
     if base is not None and final is not None:
-        fitted = [e for e in diagnosis.experiments if e.use == "fit" and e.measured]
+        fitted = diagnosis.fitted_experiments
         for experiment, early, late in zip(fitted, base.residuals, final.residuals, strict=True):
             rows.append(ResidualRow(experiment, {"before": early, "after": late}))
     if diagnosis.evaluated_on == "test":
