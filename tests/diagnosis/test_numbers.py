@@ -9,10 +9,11 @@ from klute_sim.device.device import list_presets, load_device
 from klute_sim.device.schema.limits import find_limits
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
-from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers, compute_braid_radius
+from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import NUMBER_ERROR_NAME, compute_plausible_error, list_error_candidates
+from klute_sim.laws.mckibben import compute_braid_radius
 
 NOMINAL = load_device("klute-3-4-pair")
 RADIUS = "muscle.bladder_radius_mm"
@@ -82,7 +83,7 @@ def test_radius_follows_braid_and_turns_unless_it_is_fitted() -> None:
     assert changed[RADIUS] == pytest.approx(values[RADIUS] / 0.9)
     assert complete_numbers(values, {"muscle.c10_kpa": 100.0}) == {"muscle.c10_kpa": 100.0}
     both = complete_numbers(values, {"muscle.turns_per_m": turns, RADIUS: values[RADIUS]})
-    braid_radius = compute_braid_radius(values["muscle.braid_length_ratio"], turns)
+    braid_radius = 1e3 * compute_braid_radius(values["muscle.braid_length_ratio"], 1.0, turns)
     assert 0.95 * braid_radius < both[RADIUS] < 1.06 * braid_radius
 
 

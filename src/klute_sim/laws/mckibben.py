@@ -44,6 +44,16 @@ def lock_length(muscle: MuscleParameters) -> float:
     return muscle.braid_length / math.sqrt(3.0)
 
 
+def compute_braid_radius(braid_length: float, length: float, braid_turns: float) -> float:
+    """Radius [m] of the cylinder that a braid forms at ``length`` [m]: ``sqrt(B^2 - L^2) / (2 pi N)``.
+
+    An unrolled thread is the hypotenuse B of a triangle with the sides L and ``2 pi N R`` (dissertation, section 3.2;
+    Chou & Hannaford 1996). 0 for a length beyond that of a thread.
+    """
+    squared = braid_length * braid_length - length * length
+    return math.sqrt(max(0.0, squared)) / (2.0 * math.pi * braid_turns)
+
+
 def braid_volume(muscle: MuscleParameters, length: float) -> float:
     """Volume [m3] inside the braids of all actuators at ``length`` [m]: ``V = L (B^2 - L^2) / (4 pi N^2)``.
 

@@ -27,6 +27,7 @@ from klute_sim.effects.effect import Effect
 from klute_sim.errors import InputError
 from klute_sim.files.toml import validation_sentence
 from klute_sim.laws import damper as damper_law
+from klute_sim.laws import mckibben
 from klute_sim.laws.damper import DamperParameters
 from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.laws.tendon import TendonParameters
@@ -82,7 +83,7 @@ class Muscle(DeviceFileSection):
                 {"t": self.bladder_thickness_mm, "r": self.bladder_radius_mm},
             )
         ratio = self.braid_length_ratio
-        braid_radius = 1e3 * math.sqrt(ratio * ratio - 1.0) / (2.0 * math.pi * self.turns_per_m)
+        braid_radius = 1e3 * mckibben.compute_braid_radius(ratio, 1.0, self.turns_per_m)
         if abs(braid_radius / self.bladder_radius_mm - 1.0) > MAX_RADIUS_MISMATCH:
             raise PydanticCustomError(
                 "radius",

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 from klute_sim.device.schema.document import MAX_RADIUS_MISMATCH, MIN_GAS_FRACTION
 from klute_sim.device.schema.limits import find_limits
+from klute_sim.laws import mckibben
 
 RELATION_MARGIN = 0.02
 """Fraction by which dependent numbers stay inside their limits, so that rounding does not cross them."""
@@ -25,10 +26,10 @@ def complete_numbers(values: Mapping[str, float], fitted: Mapping[str, float]) -
     if not changed.keys() & {RADIUS, THICKNESS, BRAID_RATIO, TURNS}:
         return changed
     new = {**values, **changed}
-    braid_radius = compute_braid_radius(new[BRAID_RATIO], new[TURNS])
+    braid_radius = _compute_radius_at_rest(new)
     radius = new[RADIUS]
     if RADIUS not in changed:
-        radius *= braid_radius / compute_braid_radius(values[BRAID_RATIO], values[TURNS])
+        radius *= braid_radius / _compute_radius_at_rest(values)
     mismatch = MAX_RADIUS_MISMATCH * (1.0 - RELATION_MARGIN)
     radius = min(max(radius, braid_radius / (1.0 + mismatch)), braid_radius / (1.0 - mismatch))
     # The air has at least a part of the braid's cross section.
@@ -42,6 +43,6 @@ def complete_numbers(values: Mapping[str, float], fitted: Mapping[str, float]) -
     return changed
 
 
-def compute_braid_radius(braid_length_ratio: float, turns_per_m: float) -> float:
-    """Return the radius [mm] of a braid at rest: ``sqrt((B/L0)^2 - 1) / (2 pi N/L0)`` (dissertation (3.3))."""
-    return 1e3 * math.sqrt(braid_length_ratio * braid_length_ratio - 1.0) / (2.0 * math.pi * turns_per_m)
+def _compute_radius_at_rest(values: Mapping[str, float]) -> float:
+    """Return the radius [mm] of the braid at rest; a muscle of 1 m has the same."""
+    return 1e3 * mckibben.compute_braid_radius(values[BRAID_RATIO], 1.0, values[TURNS])

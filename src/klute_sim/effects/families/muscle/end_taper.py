@@ -12,12 +12,6 @@ from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.units import BAR
 
 
-def compute_braid_radius(muscle: MuscleParameters, length: float) -> float:
-    """Return the radius [m] of the cylinder of the braid at muscle ``length`` [m]: ``sqrt(B^2 - L^2) / (2 pi N)``."""
-    squared = muscle.braid_length * muscle.braid_length - length * length
-    return math.sqrt(max(0.0, squared)) / (2.0 * math.pi * muscle.braid_turns)
-
-
 def cone_force(
     p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
@@ -31,8 +25,9 @@ def cone_force(
     The geometry is derived here. For the same tapered ends Tondu and Lopez (IEEE Control Syst. Mag. 20(2):15, 2000)
     multiply the contraction by a fitted factor.
     """
-    turns = muscle.braid_turns
-    growth = compute_braid_radius(muscle, length) - compute_braid_radius(muscle, muscle.resting_length)
+    braid, turns = muscle.braid_length, muscle.braid_turns
+    radius_at_rest = mckibben.compute_braid_radius(braid, muscle.resting_length, turns)
+    growth = mckibben.compute_braid_radius(braid, length, turns) - radius_at_rest
     return force - muscle.n_actuators * pressure * p.cone_ratio * length * growth / (math.pi * turns * turns)
 
 
