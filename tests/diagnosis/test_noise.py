@@ -155,3 +155,21 @@ def compute_nominal_residuals(experiments: list[Experiment], simulator: Simulato
     """Return the residuals of the nominal device."""
     readings = [simulator.simulate([[SimulationSetup(e.device.parameters)]], [e])[0][0] for e in experiments]
     return [{c: s.value - row[c] for c, s in e.measured.items()} for e, row in zip(experiments, readings, strict=True)]
+
+
+@pytest.mark.parametrize(("stated", "is_shared"), [("1 kPa", False), ("30 kPa", True)])
+def test_stated_input_noise_that_repeats_do_not_show_counts_as_shared(
+    stated: str, is_shared: bool, tmp_path: Path
+) -> None:
+    """Repeats agree to 3 N; a pressure that is off by 0.3 bar changes the force by far more."""
+    folder = write_dataset(tmp_path / "d", groups=("fit_1", "validation_1"))
+    text = (folder / "dataset.toml").read_text()
+    noise = f'[noise]\npressure_command = "{stated}"\n'
+    (folder / "dataset.toml").write_text(text.replace("[uncertain]", noise + "[uncertain]"))
+    data, simulator = datasets.load_dataset(folder), Simulator(2)
+    experiments = prepare_experiments(data, datasets.split_dataset(data))
+    scaled, _ = add_noise_scales(experiments, [e for e in experiments if e.use == "fit"], simulator)
+    simulator.close()
+    scales = np.concatenate([e.input_error_scale["force"] for e in scaled])
+    median = float(np.median(scales))
+    assert median > 8.0 if is_shared else median == 1.0  # single samples of a steep force may be more sensitive

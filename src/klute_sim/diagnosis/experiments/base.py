@@ -151,6 +151,8 @@ class Experiment(ABC):
     """Channel -> limits of its sensor [SI]; its samples are no further than these."""
     specimen: str = ""
     """Specimen of the device that was measured."""
+    noisy_variants: "tuple[Experiment, ...]" = ()
+    """For each prescribed channel with stated noise: the trial with this channel off by one standard deviation."""
 
     @property
     def duration(self) -> float:

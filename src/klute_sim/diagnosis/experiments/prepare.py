@@ -1,6 +1,7 @@
 """Preparation of all trials of a dataset for simulation on its rig."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from klute_sim.datasets.channels import Rig
 from klute_sim.datasets.dataset import Dataset
@@ -35,5 +36,15 @@ def prepare_experiments(dataset: Dataset, split: Split) -> list[Experiment]:
     uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")
     uses |= dict.fromkeys(split.validation, "validation")
     uses |= dict.fromkeys(split.test, "test")
-    experiments = [TRIAL_PREPARERS[dataset.rig](trial, uses[trial.name]) for trial in dataset.trials]
+    experiments = [_prepare_trial(trial, uses[trial.name], dataset.rig) for trial in dataset.trials]
     return [e.with_repeats([other for other in experiments if other.group == e.group]) for e in experiments]
+
+
+def _prepare_trial(trial: Trial, use: Use, rig: Rig) -> Experiment:
+    prepare = TRIAL_PREPARERS[rig]
+    variants = []
+    for channel, deviation in trial.input_noise.items():
+        series = trial.prescribed[channel]
+        shifted = {**trial.prescribed, channel: series._replace(value=series.value + deviation)}
+        variants.append(prepare(replace(trial, prescribed=shifted), use))
+    return replace(prepare(trial, use), noisy_variants=tuple(variants))

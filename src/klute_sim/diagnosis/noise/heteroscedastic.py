@@ -5,6 +5,7 @@ variance of a channel is modelled as ``A + B s_p^2 + C s_L^2`` with nonnegative 
 the commanded pressure and ``s_L`` to the prescribed length (in gait: to the centre of pressure) come from two
 simulations, the coefficients from the deviations of repeats. While a regulator limits the rate of the pressure, timing
 matters as well: the start of a pressure change is known to within one time step, and the resulting variance is added.
+Noise that the user states for a prescribed channel, and that repeats do not show, is an error that they share.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,6 +26,9 @@ MIN_VARIANCE_FRACTION = 0.05
 INPUT_ERROR_SIGMAS = 8.0
 """Standard deviations of noise that the difference between two courses of the inputs counts as: twice the inverse of
 the smallest misfit that is relevant, because the true course may differ more."""
+MAX_REPEATED_RATIO = 1.5
+"""Ratio of the stated variance to that between repeats above which repeats share a part of it (assumed: repeats measure
+their variance to within a half)."""
 N_REWEIGHTINGS = 3
 """Iterations of the weighted fit of the variance model."""
 
@@ -40,6 +44,7 @@ def add_noise_scales(
     """
     rows = _compute_sensitivities(experiments, simulator)
     input_errors = _compute_input_errors(experiments, rows, simulator)
+    stated_variances = _compute_stated_variances(experiments, rows, simulator)
     sensitivities = {e.name: row for e, row in zip(experiments, rows, strict=True)}
     all_residuals = [
         {channel: series.value - row[channel][0] for channel, series in e.measured.items()}
@@ -60,7 +65,7 @@ def add_noise_scales(
         for channel in list_channels(fit_experiments)
     }
     scaled = []
-    for e, row, errors in zip(experiments, rows, input_errors, strict=True):
+    for e, row, errors, stated in zip(experiments, rows, input_errors, stated_variances, strict=True):
         scales: dict[str, Array] = {}
         input_error_scales: dict[str, Array] = {}
         for channel in e.measured:
@@ -70,9 +75,11 @@ def add_noise_scales(
                     MIN_VARIANCE_FRACTION, row[channel][1:3].T @ model.coefficients[1:] + model.coefficients[0]
                 )
                 scales[channel] = ratios[e.name][channel] * np.sqrt(variance + row[channel][3] / model.mean_variance)
-                if channel in errors:
+                if channel in errors or channel in stated:
                     noise_variance = scales[channel] ** 2 * model.mean_variance
-                    input_error_scales[channel] = np.sqrt(1.0 + errors[channel] / noise_variance)
+                    shared = np.maximum(0.0, stated.get(channel, 0.0) - MAX_REPEATED_RATIO * noise_variance)
+                    error = errors.get(channel, 0.0) + INPUT_ERROR_SIGMAS**2 * shared
+                    input_error_scales[channel] = np.sqrt(1.0 + error / noise_variance)
         scaled.append(replace(e, noise_scale=scales, input_error_scale=input_error_scales))
     return scaled, [*describe_noisy_trials(experiments, noise_ratios), *_describe_slow_inputs(experiments)]
 
@@ -108,6 +115,27 @@ def _compute_input_errors(
                 variance[channel] = variance.get(channel, 0.0) + INPUT_ERROR_SIGMAS**2 * squares
         errors.append(variance)
     return errors
+
+
+def _compute_stated_variances(
+    experiments: Sequence[Experiment], rows: Sequence[Mapping[str, Array]], simulator: Simulator
+) -> list[dict[str, Array]]:
+    """Return for each experiment: channel -> variance [SI^2] from the stated noise of its prescribed channels.
+
+    ``rows`` hold the sensitivities. The noise of each prescribed channel is independent of that of the others.
+    """
+    variances = []
+    for e, row in zip(experiments, rows, strict=True):
+        setup = SimulationSetup(e.device.parameters)
+        readings = [simulator.simulate([[setup]], [variant])[0][0] for variant in e.noisy_variants]
+        variances.append(
+            {
+                channel: np.sum([(reading[channel] - values[0]) ** 2 for reading in readings], axis=0)
+                for channel, values in row.items()
+                if readings
+            }
+        )
+    return variances
 
 
 class _VarianceModel(NamedTuple):
