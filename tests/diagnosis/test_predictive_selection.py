@@ -11,7 +11,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals, decide_verdict
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
-from klute_sim.diagnosis.noise.repeats import Noise
+from klute_sim.diagnosis.noise.repeats import Noise, estimate_noise_from_residuals
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
@@ -157,3 +157,22 @@ def test_nothing_at_a_bound_and_no_absurd_instrument_is_named() -> None:
     assert find_naming_obstacle(data, make_fit((GAIN,), [0.5])) == ""  # 2.5 %
     assert "further off" in find_naming_obstacle(data, make_fit((GAIN,), [8.0]))  # 40 %
     simulator.close()
+
+
+def test_channel_that_only_another_repeat_measured_counts() -> None:
+    first, second = make_repeats([np.ones(100), np.full(90, 2.0)])[:2]
+    simulator = Simulator(1)
+    second = replace(second, measured={**second.measured, "pressure": second.measured["force"]})
+    residuals = [{c: s.value for c, s in e.measured.items()} for e in (first, second)]
+    noise = estimate_noise_from_residuals([first, second], residuals)
+    kept = weight_by_law_error(WeightedData(simulator, [first, second], noise), [first, second], residuals)
+    simulator.close()
+    counted = [(e.name, channel) for e in kept.experiments for channel in e.measured]
+    assert counted == [("g1", "force"), ("g1", "pressure")]  # the second has more samples
+    longer = replace(second, measured={"force": second.measured["force"], "pressure": second.measured["pressure"]})
+    first = replace(first, measured={"force": first.measured["force"], "muscle_length": first.measured["force"]})
+    residuals = [{c: s.value for c, s in e.measured.items()} for e in (first, longer)]
+    noise = estimate_noise_from_residuals([first, longer], residuals)
+    kept = weight_by_law_error(WeightedData(simulator, [first, longer], noise), [first, longer], residuals)
+    counted = [(e.name, channel) for e in kept.experiments for channel in e.measured]
+    assert counted == [("g0", "force"), ("g0", "muscle_length"), ("g1", "pressure")]

@@ -234,10 +234,10 @@ class PredictiveSelection:
 
 
 def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], residuals: Residuals) -> WeightedData:
-    """Return one of ``experiments`` for each condition, with the ``residuals`` of the best model as noise.
+    """Return each condition of ``experiments`` once, with the ``residuals`` of the best model as noise.
 
-    Repeats of a condition share the error of the law, so they add nothing; the one with the most samples is kept.
-    Channels without noise in ``data`` do not count.
+    Repeats of a condition share the error of the law, so they add nothing: each channel counts in one of them, that
+    with the most samples which measured it. Channels without noise in ``data`` do not count.
     """
     plain = [replace(e, noise_scale={}, input_error_scale={}) for e in experiments]
     noise = {}
@@ -245,11 +245,19 @@ def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], r
         if channel not in data.noise:
             continue
         noise[channel] = estimate._replace(std=max(estimate.std, data.noise[channel].std))
-    kept = [
-        max((plain[index] for index in members), key=lambda e: sum(len(s.time) for s in e.measured.values()))
-        for members in group_repeats(plain).values()
-    ]
+    kept = []
+    for members in group_repeats(plain).values():
+        counted: set[str] = set()
+        for e in sorted((plain[index] for index in members), key=_count_samples, reverse=True):
+            new = {channel: series for channel, series in e.measured.items() if channel not in counted}
+            if new:
+                kept.append(e if len(new) == len(e.measured) else replace(e, measured=new))
+                counted |= new.keys()
     return WeightedData(data.simulator, kept, noise, data.cache)
+
+
+def _count_samples(experiment: Experiment) -> int:
+    return sum(len(series.time) for series in experiment.measured.values())
 
 
 def screen_pairs(base_fit: Fit, candidates: Sequence[Candidate]) -> list[tuple[Candidate, Candidate]]:
