@@ -92,8 +92,14 @@ def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         },
         "next_experiment": diagnosis.next_experiment,
         "device_file": DEVICE_FILE_NAME if diagnosis.fitted_device is not None else None,
-        "recommended": "without-effects" if diagnosis.is_worse_on_test else "with-effects",
+        "recommended": _name_recommended_device(diagnosis),
     }
+
+
+def _name_recommended_device(diagnosis: Diagnosis) -> str | None:
+    if diagnosis.fitted_device is None:
+        return None
+    return "without-effects" if diagnosis.is_worse_on_test else "with-effects"
 
 
 def _list_fitted_numbers(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
