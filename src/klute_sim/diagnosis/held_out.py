@@ -1,4 +1,4 @@
-"""Evaluation on the test trials, which no decision has used: do they confirm what was named?"""
+"""Evaluation on the test trials, with which nothing was chosen: do they confirm what was named?"""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from klute_sim.types import Array
 MAX_REMAINING_FRACTION = 0.6
 """Largest fraction of the squared gap beyond noise that a complete model may leave on test trials (assumed)."""
 MIN_CHANGE = 0.02
-"""Relative change of a gap from which on effects change a channel whose noise is unknown."""
+"""Relative change of a gap from which on effects change a channel whose noise is unknown (assumed)."""
 MIN_SHARE_FRACTION = 0.5
 """Smallest fraction of the share that a model of an imperfect law takes on other trials, to be taken on test trials
 (assumed)."""

@@ -235,7 +235,7 @@ def _build_split_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     uses = (
         ("fit", "parameters are fitted to them", diagnosis.split.fit),
         ("validation", "effects are selected by them; never fitted", diagnosis.split.validation),
-        ("test", "the result is evaluated on them; opened after all decisions", diagnosis.split.test),
+        ("test", "they confirm the result or demote it; nothing is chosen with them", diagnosis.split.test),
     )
     return [
         {"use": use, "purpose": purpose, "trials": [{"name": name, "group": groups[name]} for name in names]}
@@ -309,11 +309,9 @@ def _list_limitations(diagnosis: Diagnosis) -> list[str]:
             )
         limitations.append(f"Effects that are not in the catalogue, and combinations of more than {MAX_EFFECTS}.")
         limitations.append("Candidates that were screened and not refitted, beyond the prediction of the screening.")
-        accepted = {(term.effect, term.channel) for term in diagnosis.added_terms}
+        accepted = {term.identity for term in diagnosis.added_terms}
         if any(
-            s.added_term is not None
-            and (s.added_term.effect, s.added_term.channel) in accepted
-            and not s.validation_gains
+            s.added_term is not None and s.added_term.identity in accepted and not s.validation_gains
             for s in diagnosis.selection_history
         ):
             limitations.append(
