@@ -25,7 +25,7 @@ pytestmark = [
 
 Forms = tuple[tuple[str, str], ...]
 STEP = 10
-"""Every so many samples are used: a filling lasts 14 s, and samples are 0.1 s apart."""
+"""Every tenth logged sample is used: a filling lasts 14 s, and samples are then 0.1 s apart."""
 DEVICE_LIMITS = {
     "braid_length_ratio": (1.078, 1.122),
     "turns_per_m": (12.6, 13.92),

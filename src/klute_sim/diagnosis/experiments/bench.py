@@ -41,8 +41,8 @@ STATIONARY_SPEED = 1e-3
 START_TIME_SPAN = 0.1
 """Time [s] at the start of a trial in which motion is looked for."""
 REST_PRESSURE_CHANGE = 0.1e5
-"""Change of the pressure or of its command at the start [Pa], and difference between both, up to which a trial begins
-at rest (assumed: twice the error of an inexpensive gauge)."""
+"""Change of the pressure or of its command in the first moments [Pa] up to which a trial begins at rest (assumed:
+twice the error of an inexpensive gauge)."""
 MOVING_WARM_UP_FRACTION, MOVING_WARM_UP_TIME = 0.3, 1.5
 """Fraction of a trial, and longest time [s], that is not compared where it begins in motion: its internal states are
 unknown (assumed: several time constants of a slow valve)."""

@@ -17,16 +17,16 @@ REGISTRATION_PREFIX = "registration."
 
 
 class Registration(NamedTuple):
-    """Errors of the registration in SI units, each added to what was measured; 0 without error."""
+    """Corrections of the registration in SI units, each added to what was measured; 0 where the set-up is right."""
 
     cop_to_ankle: float = 0.0
     """Forward distance from ankle axis to centre of pressure [m]."""
     ankle_height: float = 0.0
     """Height of the ankle axis [m]."""
     plate_gain: float = 0.0
-    """Relative error of all forces of the plate."""
+    """Relative correction of all forces of the plate."""
     ankle_zero: float = 0.0
-    """Zero of the ankle angle, or of the inclination of the shank that it refers to [rad]."""
+    """Correction of the zero of the ankle angle, or of the inclination of the shank that it refers to [rad]."""
 
 
 NO_REGISTRATION_ERROR = Registration()
@@ -68,7 +68,7 @@ REGISTRATION_WORDS = {
 }
 """Name -> statement about the corrected set-up."""
 MIN_REPORTED_SIGMAS = 0.5
-"""Smallest correction that is reported, in standard deviations of its prior."""
+"""Smallest correction that is reported, in standard deviations of its prior (assumed)."""
 
 
 def describe_registration(rows: Iterable[tuple[str, float, tuple[float, float]]]) -> list[str]:

@@ -11,7 +11,7 @@ from klute_sim.types import Array
 MIN_NOISE_RATIO = 1.5
 """Ratio of a trial's noise to that of its repeats above which the trial has a noise of its own (assumed)."""
 MIN_DIFFERENCES = 30
-"""Number of differences between samples from which on the noise of a single trial is estimated."""
+"""Number of differences between samples from which on the noise of a single trial is estimated (assumed)."""
 
 
 def estimate_noise_ratios(experiments: Sequence[Experiment], residuals: Residuals) -> list[dict[str, float]]:
