@@ -55,16 +55,18 @@ def select_by_prediction(
     return selection, selection.run(base_fit, [best_fit.hypothesis.terms, *known])
 
 
-def find_complete_model(search: ForwardSelection, base_fit: Fit, result: PredictiveResult) -> Fit | None:
-    """Return a model of ``result`` that reaches the noise between repeats and passes validation; None if none does.
+def find_complete_model(
+    search: ForwardSelection, base_fit: Fit, selection: PredictiveSelection, result: PredictiveResult
+) -> Fit | None:
+    """Return a model of the ``result`` of ``selection`` that reaches the noise between repeats and passes validation.
 
-    One-at-a-time search passes by a pair of which neither effect explains much alone.
+    None if there is no such model. One-at-a-time search passes by a pair of which neither effect explains much alone.
     """
-    by_chi2 = sorted(
+    by_bic = sorted(
         (model for model in result.models if model.terms and not model.obstacle),
-        key=lambda model: model.fit.bic(sum(len(row) for row in model.fit.residuals)),
+        key=lambda model: model.fit.bic(selection.data.n_effective),
     )
-    for model in by_chi2[:MAX_COMPLETE_TRIALS]:
+    for model in by_bic[:MAX_COMPLETE_TRIALS]:
         refit = fit_hypothesis(search.data, model.fit.hypothesis, model.fit.x)
         if search.has_misfit(refit) or find_naming_obstacle(search.data, refit):
             continue

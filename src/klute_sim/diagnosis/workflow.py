@@ -1,6 +1,7 @@
 """Workflow of a diagnosis: check data, measure noise, fit, select effects, test robustness, evaluate on test trials.
 
-Test trials are simulated only after all decisions.
+No effect, number or form is chosen with test trials. They are simulated last; then they confirm the names or demote the
+verdict, and they decide which device is recommended.
 """
 
 from collections.abc import Sequence
@@ -119,14 +120,14 @@ def _run_workflow(
         data_quality.has_repeats(fitted),
         dataset.tolerance,
     )
-    # What the user tolerates needs no name.
-    final_fit = base_fit if dataset.tolerance and not search.has_misfit(base_fit) else search.run(base_fit)
+    is_tolerated = search.is_within_tolerance(base_fit)  # what the user tolerates needs no name
+    final_fit = base_fit if is_tolerated else search.run(base_fit)
     selected: _SelectedModel | None = None
     # Without repeats nothing but predictions can tell a misfit from noise.
-    if not search.has_repeats or search.has_misfit(final_fit):
+    if not is_tolerated and (not search.has_repeats or search.has_misfit(final_fit)):
         progress(0.5, "predicting conditions that are left out")
         prediction = select_by_prediction(search, experiments, final_fit, lambda stage: progress(0.5, stage))
-        complete_fit = find_complete_model(search, base_fit, prediction[1]) if search.has_repeats else None
+        complete_fit = find_complete_model(search, base_fit, *prediction) if search.has_repeats else None
         decision = decide_verdict(prediction[1], has_repeats=search.has_repeats)
         if complete_fit is not None:
             final_fit = complete_fit
@@ -134,8 +135,9 @@ def _run_workflow(
             selected = _select_imperfect_model(*prediction, decision, options)
         else:  # nothing is named: proxies and a data-driven term follow
             selected = _select_complete_model(search, base_fit, final_fit, options, progress)
-            reasons_of_both = [*decision.reasons, *selected.reasons]
-            selected = selected._replace(verdict=decision.verdict, reasons=reasons_of_both, prediction=prediction[1])
+            if selected.verdict in ("unexplained", "insufficient-data"):
+                both = [*decision.reasons, *selected.reasons]
+                selected = selected._replace(verdict=decision.verdict, reasons=both, prediction=prediction[1])
     if selected is None:
         selected = _select_complete_model(search, base_fit, final_fit, options, progress)
     if quantizers and "quantisation" not in options.exclude:
@@ -227,7 +229,7 @@ def _select_complete_model(
             search, final_fit, base_fit, equation_residuals, options, has_converged
         )
         reasons += sentences
-        if "unknown" in " ".join(term.effect for term in final_fit.hypothesis.terms):
+        if any(term.effect_definition.data_driven for term in final_fit.hypothesis.terms):
             equivalent_models = []  # these are equivalent to the model without the data-driven term
     intervals = compute_confidence_intervals(data, final_fit)
     return _SelectedModel(
@@ -338,9 +340,7 @@ def _decide_verdict(
             for channel, tolerance in search.tolerance.items()
         ]
         within = ", ".join(limits)
-        return "nothing-missing" if search.has_repeats else "insufficient-data", [
-            f"The misfit is within the stated tolerance ({within})."
-        ]
+        return "nothing-missing", [f"The misfit is within the stated tolerance ({within})."]
     if not terms:
         return "nothing-missing" if search.has_repeats else "insufficient-data", [f"{search.history[-1].reason}."]
     # A term may have a simpler form than the one that was added.
@@ -351,6 +351,12 @@ def _decide_verdict(
         if step.added_term is not None and step.added_term.identity in final_terms
     ]
     reasons = [f"{term}: {step.reason}." for step, term in steps]
+    explained = {term.identity for _, term in steps}
+    reasons += [
+        f"{term}: found together with the other effects; one at a time they explain less."
+        for term in terms
+        if term.identity not in explained
+    ]
     if not all(step.validation_gains for step, _ in steps):
         reasons.append(
             "There is no second group of trials for validation: the result rests on the fitted trials alone."

@@ -42,7 +42,7 @@ influence at one size and too much at another, so linear extrapolation fails."""
 MIN_START_GAIN_FRACTION = 0.3
 """Fraction of the predicted gain that a starting point must reach, else :data:`START_SIZES` are tried."""
 MIN_PREDICTED_FRACTION = 0.02
-"""Fraction of the largest predicted gain below which a candidate is not fitted."""
+"""Fraction of the largest predicted gain below which a candidate is not fitted (assumed)."""
 MAX_ACCEPTANCE_TESTS = 3
 """Number of candidates of the shortlist that are tested on validation trials."""
 MAX_BIC_LAG_FRACTIONS = (0.3, 0.1)
@@ -114,6 +114,20 @@ class ForwardSelection:
     def has_misfit(self, current: Fit) -> bool:
         """Return whether all repeats of some channel share a significant misfit of the ``current`` fit."""
         return bool(self.find_relevant_misfits(current))
+
+    def is_within_tolerance(self, current: Fit) -> bool:
+        """Return whether the user tolerates what ``current`` leaves.
+
+        Without repeats the misfit is unknown, so the whole residual of each channel must be within its tolerance.
+        """
+        if not self.tolerance:
+            return False
+        if self.has_repeats:
+            return not self.has_misfit(current)
+        return all(
+            estimate.std <= self.tolerance.get(channel, 0.0)
+            for channel, estimate in estimate_noise_from_residuals(self.data.experiments, current.residuals).items()
+        )
 
     def find_relevant_misfits(self, current: Fit) -> dict[str, Misfit]:
         """Return the misfit of each channel in which it is significant and above the tolerance."""
