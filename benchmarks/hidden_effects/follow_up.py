@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from benchmarks.hidden_effects.air import AIR_STEP
-from benchmarks.hidden_effects.catalogue import add_effects, build_neutral_law, load_device
+from benchmarks.hidden_effects.device import add_effects, build_neutral_law, load_device
 from benchmarks.hidden_effects.generate import COLUMN_DECIMALS, COLUMN_UNITS, format_table, record_trial
 from benchmarks.hidden_effects.inputs import SAMPLE_INTERVAL, InputProgram
 from benchmarks.hidden_effects.simulate import Hidden, Noise, draw_wander, simulate_measurements

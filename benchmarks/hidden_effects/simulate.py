@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from benchmarks.hidden_effects.air import AIR_STEP, AirSupply, is_coupled_to_motion, simulate_pressure
-from benchmarks.hidden_effects.catalogue import BENCH_CHANNELS, add_effects, instrument_forms
+from benchmarks.hidden_effects.catalogue import BENCH_CHANNELS, instrument_forms
+from benchmarks.hidden_effects.device import add_effects
 from benchmarks.hidden_effects.inputs import SAMPLE_INTERVAL, InputProgram
 from benchmarks.hidden_effects.law import Law
 from benchmarks.hidden_effects.out_of_catalogue import apply_to_channels, apply_to_motion

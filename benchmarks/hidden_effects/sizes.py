@@ -14,10 +14,9 @@ from benchmarks.hidden_effects.catalogue import (
     OTHER_FORMS,
     RELATIVE_UNCERTAINTIES,
     Forms,
-    add_effects,
-    build_neutral_law,
     instrument_forms,
 )
+from benchmarks.hidden_effects.device import add_effects, build_neutral_law
 from benchmarks.hidden_effects.inputs import InputProgram
 from benchmarks.hidden_effects.out_of_catalogue import OUT_OF_CATALOGUE_FORMS
 from benchmarks.hidden_effects.simulate import Floats, Hidden, Noise, simulate_measurements

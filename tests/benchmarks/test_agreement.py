@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.hidden_effects import catalogue, inputs, plan, simulate
+from benchmarks.hidden_effects import catalogue, device, inputs, plan, simulate
 from scipy.interpolate import PPoly
 
 from klute_sim.device.device import load_device
@@ -18,7 +18,7 @@ from klute_sim.effects.families import instrument
 
 pytestmark = pytest.mark.slow
 
-LAW, AIR = catalogue.build_neutral_law(catalogue.load_device())
+LAW, AIR = device.build_neutral_law(device.load_device())
 PROGRAM = inputs.generate_programs(np.random.default_rng(7))[2]
 STEP = 5e-5  # s
 VALVE_STEP = 2.5e-5  # s: for a valve, whose flow changes the pressure of little air fast
@@ -53,7 +53,7 @@ def apart(effects: list[dict]) -> dict[str, float]:
     names = {e["name"] for e in effects}
     step = FINE_STEP if "supply_droop" in names else VALVE_STEP if {"choked_valve", "hose"} & names else STEP
     tolerance = FINE_TOLERANCE if "supply_droop" in names else simulate.LENGTH_TOLERANCE
-    made = simulate.simulate_trace(PROGRAM, *catalogue.add_effects(LAW, AIR, effects), tolerance=tolerance)
+    made = simulate.simulate_trace(PROGRAM, *device.add_effects(LAW, AIR, effects), tolerance=tolerance)
     coarse, fine = stepped(effects, 2.0 * step), stepped(effects, step)
     late = len(PROGRAM.length) // 2
     gap = {name: (made[name][1:] - (2.0 * fine[name] - coarse[name]))[late:] for name in CHANNELS}

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from benchmarks.hidden_effects import (
     catalogue,
+    device,
     follow_up,
     generate,
     inputs,
@@ -196,7 +197,7 @@ def test_gait_metrics_are_separate() -> None:
 @pytest.mark.slow
 def test_effects_reach_target_size() -> None:
     """By the definition: what is left after the device's numbers followed, over noise, in the worst channel."""
-    base = catalogue.load_device()
+    base = device.load_device()
     bench = inputs.generate_programs(np.random.default_rng(3))
     scale = sizes.EffectSizer(base, base, bench, ["force", "pressure"], Noise())
     taper = {"name": "end_taper", "form": "cone", "parameters": {"cone_ratio": 1.0}, "wanted": 3.0}
@@ -204,7 +205,7 @@ def test_effects_reach_target_size() -> None:
     assert found["size"] == pytest.approx(3.0, rel=0.1)
     assert "wanted" not in found
     assert scale.measure_size(Hidden(effects=[found])) == pytest.approx(found["size"], rel=0.03)
-    plain = catalogue.add_effects(*catalogue.build_neutral_law(base), ())
+    plain = device.add_effects(*device.build_neutral_law(base), ())
     change = np.concatenate(
         [
             (
@@ -236,7 +237,7 @@ def test_size_search_stops_at_parameter_limits() -> None:
 def test_out_of_catalogue_effects_change_expected_channels() -> None:
     program = inputs.generate_programs(np.random.default_rng(3))[0]
     program = program._replace(duration=2.0, length=program.length[:2001], command=program.command[:401])
-    plain = catalogue.add_effects(*catalogue.build_neutral_law(catalogue.load_device()), ())
+    plain = device.add_effects(*device.build_neutral_law(device.load_device()), ())
     without = simulate_measurements(program, plain, Hidden())
 
     def change(name: str, form: str, **parameters: float) -> dict[str, np.ndarray]:
