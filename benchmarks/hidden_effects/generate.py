@@ -19,17 +19,12 @@ from typing import Any
 
 import numpy as np
 from benchmarks.hidden_effects.air import AIR_STEP
-from benchmarks.hidden_effects.catalogue import (
-    BENCH_CHANNELS,
-    PRESET_FILE,
-    RELATIVE_UNCERTAINTIES,
-    add_effects,
-    build_neutral_law,
-    load_device,
-)
+from benchmarks.hidden_effects.catalogue import BENCH_CHANNELS, RELATIVE_UNCERTAINTIES
+from benchmarks.hidden_effects.device import PRESET_FILE, add_effects, build_neutral_law, load_device
 from benchmarks.hidden_effects.imperfect import add_law_error, assign_specimens
 from benchmarks.hidden_effects.inputs import InputProgram, generate_programs, hold_still
 from benchmarks.hidden_effects.plan import BLOCK_SIZES, DEFECTS, FORCE_RANGE_N, GAIT_BLOCKS, plan_datasets
+from benchmarks.hidden_effects.set_up import change_log, list_numbers
 from benchmarks.hidden_effects.simulate import (
     Hidden,
     Noise,
@@ -66,6 +61,8 @@ def make_dataset(
     effects: Effects = (),
     instruments: Effects = (),
     strangers: Effects = (),
+    numbers: Effects = (),
+    logging: Mapping[str, Any] | None = None,
     deleted: bool = False,
     repeats: int = 2,
     known: Effects = (),
@@ -82,7 +79,8 @@ def make_dataset(
     Device, inputs and noise depend on ``seed`` only, so the same seed with another effect is the same bench. Effects
     with a ``wanted`` size are scaled to it. ``deleted`` effects are removed from the catalogue of the diagnosis.
     ``known`` effects are in the device file. With ``law_error`` (:mod:`imperfect`) the law of the program is imperfect
-    and specimens differ. ``muscle_length`` selects that channel; by default it is recorded in a
+    and specimens differ. ``numbers`` of the device file are wrong, and ``logging`` changes the log (:mod:`set_up`).
+    ``muscle_length`` selects that channel; by default it is recorded in a
     third of the datasets and where a fault requires it. ``truth`` defaults to ``<folder>.truth.json``.
     """
     if defect is not None and defect not in DEFECTS:
@@ -90,7 +88,7 @@ def make_dataset(
     noise = noise or Noise()
     child = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
     device = load_device(device_file)
-    base = draw_true_base(child[0], device)
+    base = {**draw_true_base(child[0], device), **list_numbers(numbers)}
     programs = generate_programs(child[1])
     is_recorded = child[2].random() < 1 / 3
     is_required = any(fault["channel"] == "muscle_length" for fault in instruments)
@@ -127,6 +125,9 @@ def make_dataset(
             trials.append((f"{program.name}_{repeat}.csv", program.name, program.use))
     if defect is not None:
         _apply_defect(tables, defect)
+    if logging is not None:
+        levels = {name: BENCH_CHANNELS[name].noise for name in recorded_channels}
+        tables = change_log(child[3], tables, levels, logging)
 
     noise_levels = {name: getattr(noise, name) or BENCH_CHANNELS[name].noise for name in recorded_channels}
     raw_sizes = {name: _rms(np.concatenate(d)) / noise_levels[name] if d else 0.0 for name, d in differences.items()}
@@ -139,6 +140,8 @@ def make_dataset(
         "repeats": repeats,
         **({"known": list(known)} if known else {}),
         "defect": defect,
+        **({"numbers": list(numbers)} if numbers else {}),
+        **({"logging": dict(logging)} if logging is not None else {}),
         **({"law_error": dict(law_error)} if law_error is not None else {}),
         "base": {key: base[key] for key in RELATIVE_UNCERTAINTIES},
         "nominal": {key: device[key] for key in RELATIVE_UNCERTAINTIES},

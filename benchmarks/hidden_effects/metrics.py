@@ -23,6 +23,8 @@ MIN_RELEVANT_SIZE = 1.0
 """Size over the noise from which an effect should be identified."""
 
 
+UNSCORED_BLOCKS = ("wrong_form", "outside", "faint_outside", "repeats", "imperfect")
+"""Blocks that are not in the metrics of all effects."""
 MIN_DECISIVE_CHI2 = 6.0
 """Chi squared that a proposed experiment must promise, as the program itself states."""
 
@@ -79,7 +81,7 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         row for row in rows if row.verdict["verdict"] == "indistinguishable" and list_hidden_effects(row.truth)
     ]
     catalogued = [row for row in indistinguishable if not row.truth.get("deleted") and not row.truth["strangers"]]
-    scored = [row for row in rows if row.truth["block"] not in ("wrong_form", "outside", "repeats", "imperfect")]
+    scored = [row for row in rows if row.truth["block"] not in UNSCORED_BLOCKS]
     parameter_intervals = list(iter_parameter_intervals(row for row in rows if row.truth["block"] != "imperfect"))
     gaps = [fraction for row in rows if row.outcome == "right" and (fraction := removed_gap_fraction(row)) is not None]
     other_gaps = [fraction for row in rows_of("wrong_form") if (fraction := removed_gap_fraction(row)) is not None]
@@ -135,6 +137,23 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         _coverage_metric(
             list(iter_parameter_intervals(rows_of("imperfect"))), "imperfect law: 95 % intervals that cover the truth"
         ),
+        _fraction_metric(
+            "outside the catalogue at 2 and 0.7 times the noise: a wrong name alone",
+            rows_of("faint_outside"),
+            _is_wrong_alone,
+            0.05,
+            at_most=True,
+        ),
+        _fraction_metric(
+            "wrong number: named, among the rivals, or without influence",
+            rows_of("wrong_number"),
+            lambda r: r.outcome in ("right", "loose", "absorbed"),
+            0.90,
+        ),
+        _fraction_metric(
+            "wrong number: a wrong name alone", rows_of("wrong_number"), _is_wrong_alone, 0.03, at_most=True
+        ),
+        _fraction_metric("slow, moving or noisy logs: nothing missing", rows_of("logging"), _is_right, 0.90),
         _quantile_metric("seconds for a dataset, median", [row.verdict["s"] for row in rows], 0.5, 30.0, at_most=True),
         *(_compute_gait_metrics(gait_rows) if gait_rows else ()),
     ]
@@ -142,6 +161,8 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
 
 def _compute_gait_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
     """Return the same metrics for gait datasets, which may take two minutes each."""
+    registration = [row for row in rows if row.truth["block"] == "walk_registration"]
+    rows = [row for row in rows if row.truth["block"] != "walk_registration"]
     relevant = [row for row in rows if list_hidden_effects(row.truth) and row.truth["size"] >= MIN_RELEVANT_SIZE]
     clean, parameter_intervals = (
         [row for row in rows if not list_hidden_effects(row.truth)],
@@ -168,6 +189,7 @@ def _compute_gait_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         _quantile_metric("walks: error of a number, 90th percentile", errors, 0.9, 0.15, at_most=True),
         _coverage_metric(parameter_intervals, "walks: 95 % intervals that cover the truth"),
         _quantile_metric("walks: gap above the floor removed on unseen trials, median", gaps, 0.5, 0.95),
+        _fraction_metric("walks: nothing missing where the registration is wrong", registration, _is_right, 0.90),
         _quantile_metric("walks: seconds for a dataset, median", seconds, 0.5, 120.0, at_most=True),
     ]
 
@@ -192,6 +214,11 @@ def _is_right(row: DatasetResult) -> bool:
 
 def _is_kind_confused(row: DatasetResult) -> bool:
     return are_kinds_confused(row.truth, row.verdict)
+
+
+def _is_wrong_alone(row: DatasetResult) -> bool:
+    """Return whether the verdict gives names, and none of its sets is the hidden one."""
+    return row.outcome in WRONG_OUTCOMES or row.outcome == "twin"
 
 
 def _select_decisive(rows: Iterable[DatasetResult]) -> list[DatasetResult]:

@@ -14,8 +14,10 @@ from benchmarks.hidden_effects.catalogue import (
     HiddenParameter,
     instrument_forms,
 )
+from benchmarks.hidden_effects.device import load_device
 from benchmarks.hidden_effects.imperfect import draw_law_error
 from benchmarks.hidden_effects.out_of_catalogue import OUT_OF_CATALOGUE_FORMS
+from benchmarks.hidden_effects.set_up import LOGGINGS, draw_number_error, draw_registration
 
 BLOCK_SIZES = {
     "clean": 120,
@@ -31,6 +33,10 @@ BLOCK_SIZES = {
     "walk": 54,
     "walk_clean": 40,
     "imperfect": 60,
+    "faint_outside": 24,
+    "wrong_number": 48,
+    "logging": 20,
+    "walk_registration": 20,
 }
 """Number of datasets of each block that gives sufficient statistics."""
 HALF_SEEDS = {"development": 101, "test": 303}
@@ -60,7 +66,7 @@ STRONG_EFFECTS = (
 """Effects that block ``imperfect`` hides: they can be several times as large as the error of a law."""
 FORCE_RANGE_N = 900.0
 """Range of the force in the programs [N], which the error of the law in block ``imperfect`` is a fraction of."""
-GAIT_BLOCKS = ("walk", "walk_clean")
+GAIT_BLOCKS = ("walk", "walk_clean", "walk_registration")
 """Blocks of the gait rig; the others are of the bench."""
 GAIT_CASES: tuple[tuple[str, str, str | None], ...] = (
     *((name, form, None) for name, form in BODY_EFFECTS),
@@ -196,14 +202,28 @@ def _block_content(block: str, index: int, rng: np.random.Generator | None) -> D
             wanted = multiple * error["fraction"] * FORCE_RANGE_N / BENCH_CHANNELS["force"].noise
             return {**make_spec(draw_effect(EFFECTS, name, rng, wanted)), "law_error": error}
         case "outside":
-            turn, position = divmod(index, 6)
-            if position == 0:
-                key = list(OUT_OF_CATALOGUE_FORMS)[turn % len(OUT_OF_CATALOGUE_FORMS)]
-                return {"strangers": [draw_effect(OUT_OF_CATALOGUE_FORMS, key, rng, 8.0)]}
-            known = singles[(5 * turn + position - 1) % len(singles)]
-            return make_spec(draw_effect(EFFECTS, known, rng, 8.0)) | {"deleted": True}
+            return _draw_outside(index, rng, 8.0)
+        case "faint_outside":
+            return _draw_outside(index, rng, (2.0, 0.7)[index % 2])
+        case "wrong_number":
+            return {"numbers": [draw_number_error(index, rng, load_device())]}
+        case "logging":
+            return {"logging": LOGGINGS[index % len(LOGGINGS)]}
+        case "walk_registration":
+            return {"registration": draw_registration(index, rng)}
         case _:
             return _draw_combination(2 if block == "pair" else 3, index, rng)
+
+
+def _draw_outside(index: int, rng: np.random.Generator | None, target_size: float) -> DatasetSpec:
+    """Return an effect that is in no catalogue, every sixth time, or else one that is removed from it."""
+    turn, position = divmod(index, 6)
+    if position == 0:
+        key = list(OUT_OF_CATALOGUE_FORMS)[turn % len(OUT_OF_CATALOGUE_FORMS)]
+        return {"strangers": [draw_effect(OUT_OF_CATALOGUE_FORMS, key, rng, target_size)]}
+    singles = list(EFFECTS)
+    known = singles[(5 * turn + position - 1) % len(singles)]
+    return make_spec(draw_effect(EFFECTS, known, rng, target_size)) | {"deleted": True}
 
 
 def _draw_fault(key: tuple[str, str], channel: str, rng: np.random.Generator | None, target_size: float) -> DatasetSpec:

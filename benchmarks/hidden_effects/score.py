@@ -23,7 +23,7 @@ def format_effect(effect: Mapping[str, Any]) -> str:
 
 def list_hidden_effects(truth: Truth) -> list[str]:
     """Return the hidden effects, sorted."""
-    kinds = ("effects", "instruments", "strangers")
+    kinds = ("effects", "instruments", "strangers", "numbers")
     return sorted(format_effect(effect) for kind in kinds for effect in truth.get(kind, ()))
 
 

@@ -59,11 +59,19 @@ FILE_CHANNELS = {
 
 
 def make_dataset(
-    folder: Path, seed: int, *, truth: Path, effects: Effects = (), instruments: Effects = (), block: str = "walk"
+    folder: Path,
+    seed: int,
+    *,
+    truth: Path,
+    effects: Effects = (),
+    instruments: Effects = (),
+    registration: Effects = (),
+    block: str = "walk",
 ) -> dict[str, Any]:
     """Write the dataset ``folder`` and its ground truth ``truth``; return the ground truth.
 
     Device, speeds, pressures and noise depend on ``seed`` only. Effects with a ``wanted`` size are scaled to it.
+    ``registration`` are errors of the coordinates, which are no missing effect.
     """
     child = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
     nominal = load_device(DEVICE_PRESET)
@@ -96,7 +104,10 @@ def make_dataset(
             repeat_speed = speed * (1.0 + SPEED_DEVIATION * float(child[1].normal()))
             recording = _simulate_gait_trial(device, profiles[group], repeat_speed, hidden)
             lines += _write_trial_files(
-                folder, f"{group}_{repeat}", group, measure_channels(recording, CHANNEL_NOISE, faults, child[2])
+                folder,
+                f"{group}_{repeat}",
+                group,
+                measure_channels(recording, CHANNEL_NOISE, [*faults, *registration], child[2]),
             )
     (folder / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
     ground_truth = {
@@ -104,6 +115,7 @@ def make_dataset(
         "block": block,
         "effects": hidden,
         "instruments": faults,
+        **({"registration": list(registration)} if registration else {}),
         "strangers": [],
         "deleted": False,
         "repeats": 2,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.hidden_effects import air, catalogue, compiled, generate, inputs, plan, simulate, truth
+from benchmarks.hidden_effects import air, catalogue, compiled, device, generate, inputs, plan, set_up, simulate, truth
 from benchmarks.hidden_effects import law as laws
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -20,13 +20,13 @@ pytestmark = pytest.mark.slow
 HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"
 
 FORMS = {**catalogue.EFFECTS, **catalogue.OTHER_FORMS}
-LAW, AIR = catalogue.build_neutral_law(catalogue.load_device())
+LAW, AIR = device.build_neutral_law(device.load_device())
 PROGRAM = inputs.generate_programs(np.random.default_rng(7))[2]
 
 
 def device_with(effects: list[dict], known: bool) -> tuple[laws.Law, air.AirSupply]:
     """The device with ``effects``, and with the known valve."""
-    return catalogue.add_effects(LAW, AIR, [*([catalogue.KNOWN_VALVE] if known else []), *effects])
+    return device.add_effects(LAW, AIR, [*([catalogue.KNOWN_VALVE] if known else []), *effects])
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +92,8 @@ def test_effects_show_at_typical_size_and_vanish_at_neutral(
 )
 def test_solution_is_converged(names: list[tuple[str, str]]) -> None:
     """With effects that are hard to integrate, several at once; the noise is hundred times as large."""
-    device = catalogue.add_effects(LAW, AIR, [plan.draw_effect(FORMS, key, None) for key in names])
-    usual, tighter = (simulate.simulate_trace(PROGRAM, *device, tolerance=t) for t in (1e-9, 1e-10))
+    laden = device.add_effects(LAW, AIR, [plan.draw_effect(FORMS, key, None) for key in names])
+    usual, tighter = (simulate.simulate_trace(PROGRAM, *laden, tolerance=t) for t in (1e-9, 1e-10))
     assert rms(usual["force"] - tighter["force"]) < 0.03
 
 
@@ -230,10 +230,10 @@ def test_leak_is_hidden_behind_known_valve(tmp_path: Path) -> None:
     sealed = generate.make_dataset(tmp_path / "leak", **spec)
     assert [e["name"] for e in sealed["effects"]] == ["leak"]
     assert sealed["known"] == [catalogue.KNOWN_VALVE]
-    device = tomllib.loads((tmp_path / "leak" / "device.toml").read_text("utf-8"))
-    assert device["effects"] == {"choked_valve": {"form": "symmetric", **catalogue.KNOWN_VALVE["parameters"]}}
+    document = tomllib.loads((tmp_path / "leak" / "device.toml").read_text("utf-8"))
+    assert document["effects"] == {"choked_valve": {"form": "symmetric", **catalogue.KNOWN_VALVE["parameters"]}}
     assert tomllib.loads((tmp_path / "leak" / "dataset.toml").read_text("utf-8"))["device"] == "device.toml"
-    assert catalogue.load_device(tmp_path / "leak" / "device.toml") == catalogue.load_device()
+    assert device.load_device(tmp_path / "leak" / "device.toml") == device.load_device()
 
 
 def test_quantization_follows_noise(tmp_path: Path) -> None:
@@ -282,7 +282,7 @@ def test_plans_cover_catalogue_and_extend() -> None:
         + plan.plan_datasets("wrong_form", 20, 1)
         + plan.plan_datasets("single", 60, 1)
     ):
-        catalogue.add_effects(LAW, AIR, spec["effects"])  # refuses what is out of range
+        device.add_effects(LAW, AIR, spec["effects"])  # refuses what is out of range
     assert all(len({e["name"] for e in spec["effects"]}) == 2 for spec in plan.plan_datasets("pair", 50, 1))
     faults = [s["instruments"][0] for s in plan.plan_datasets("instrument", 18, 1)]
     assert len({(fault["name"], fault["channel"]) for fault in faults}) == 18
@@ -301,3 +301,40 @@ def test_generator_is_independent_of_package_and_resumes(tmp_path: Path) -> None
         assert done.returncode == 0, done.stderr
         assert word in done.stderr
     assert sorted(p.name for p in tmp_path.iterdir()) == ["instrument_1_000", "instrument_1_000.truth.json"]
+
+
+@pytest.mark.parametrize(("index", "interval", "first"), [(0, 0.02, 0.0), (1, 0.005, 0.7), (2, 0.005, 0.0)])
+def test_logs_are_slow_begin_late_or_have_a_noisy_repeat(
+    index: int, interval: float, first: float, tmp_path: Path
+) -> None:
+    spec = plan.plan_datasets("logging", 3, 1)[index]
+    name = spec.pop("name")
+    sealed = generate.make_dataset(tmp_path / name, **spec)
+    plain = generate.make_dataset(tmp_path / "plain", spec["seed"], block="clean")
+    assert sealed["logging"] == spec["logging"]
+    assert plain["base"] == sealed["base"]
+    file = min(path.name for path in (tmp_path / name).glob("*_a.csv"))
+    logged, usual = (np.loadtxt(tmp_path / folder / file, delimiter=",", skiprows=1) for folder in (name, "plain"))
+    assert logged[0, 0] == pytest.approx(first)
+    assert np.diff(logged[:, 0]) == pytest.approx(interval)
+    common = usual[np.isin(usual[:, 0].round(3), logged[:, 0].round(3))]
+    np.testing.assert_array_equal(logged[:, 1:3], common[:, 1:3])
+    assert (rms(logged[:, 3] - common[:, 3]) > 0.0) == (index == 2)
+
+
+def test_wrong_number_changes_the_device_and_not_its_file(tmp_path: Path) -> None:
+    specs = plan.plan_datasets("wrong_number", 8, 1)
+    assert {spec["numbers"][0]["number"] for spec in specs} == set(set_up.NUMBER_ERRORS)
+    nominal, usual = device.load_device(), set_up.NUMBER_ERRORS
+    for spec in specs:
+        ((key, value),) = spec["numbers"][0]["parameters"].items()
+        size = usual[key].absolute + usual[key].relative * abs(nominal[key])
+        assert 0.99 <= abs(value - nominal[key]) / size <= 3.01
+    name = specs[0].pop("name")
+    generate.make_dataset(tmp_path / name, **specs[0])
+    generate.make_dataset(tmp_path / "plain", specs[0]["seed"], block="clean")
+    texts = [(tmp_path / folder / "dataset.toml").read_text("utf-8") for folder in (name, "plain")]
+    assert texts[0] == texts[1]
+    file = min(path.name for path in (tmp_path / name).glob("*_a.csv"))
+    wrong, right = (np.loadtxt(tmp_path / folder / file, delimiter=",", skiprows=1) for folder in (name, "plain"))
+    assert rms(wrong[:, 3] - right[:, 3]) > 1.0
