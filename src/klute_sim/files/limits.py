@@ -26,6 +26,7 @@ class FileKind(NamedTuple):
 DEVICE = FileKind("device file", MB)
 DATASET = FileKind("", MB)
 PROTOCOL = FileKind("protocol file", MB)
+MJCF = FileKind("MJCF file", MB)
 STATE_MACHINE = FileKind("state machine", MB)
 MAPPING = FileKind("", MB)
 TRAINING_CONFIG = FileKind("configuration", MB)

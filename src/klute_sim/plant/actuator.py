@@ -34,6 +34,8 @@ class DeviceActuator:
         """Index of the muscle-tendon length in ``data.actuator_length``."""
         self.n_states = int(model.actuator_actnum[actuator])
         """Number of states in ``data.act``."""
+        self.damping = row[coupling.DAMPING_INDEX]
+        """Damping that the model's tendon has for MuJoCo's integrators and the device's force compensates [N s2/m2]."""
         self._row = row
         self._has_internal_state = self.n_states != coupling.N_BASE_STATES
 

@@ -1,0 +1,112 @@
+"""Numbers of an MJCF model by name, such as ``model.joint.elbow.damping``: read, and changed through ``MjSpec``.
+
+A name is ``model.<element>.<name of the element>.<number>``, or ``model.option.<number>``. The number has the unit of
+the MJCF file (SI; angles as its compiler reads them). Only numbers that the file states can be changed: the mass of a
+body whose mass follows from its geoms is changed through ``model.geom.<name>.mass``.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from klute_sim.errors import InputError, suggest
+
+PREFIX = "model."
+"""Beginning of the name of each number of a model."""
+
+
+class NumberPath(NamedTuple):
+    """Where ``MjSpec`` keeps a number."""
+
+    attribute: str
+    """Attribute of the element."""
+    component: int | None = None
+    """Index within the attribute; None for a scalar."""
+
+
+def _list_components(attribute: str) -> dict[str, NumberPath]:
+    return {f"{attribute}_{axis}": NumberPath(attribute, index) for index, axis in enumerate("xyz")}
+
+
+NUMBERS: dict[str, dict[str, NumberPath]] = {
+    "joint": {
+        "damping": NumberPath("damping", 0),
+        "stiffness": NumberPath("stiffness", 0),
+        **{name: NumberPath(name) for name in ("springref", "frictionloss", "armature")},
+    },
+    "body": {"mass": NumberPath("mass"), **_list_components("inertia"), **_list_components("ipos")},
+    "geom": {
+        "mass": NumberPath("mass"),
+        **{f"size_{index + 1}": NumberPath("size", index) for index in range(3)},
+        **_list_components("pos"),
+    },
+    "site": _list_components("pos"),
+    "tendon": {
+        "damping": NumberPath("damping", 0),
+        "stiffness": NumberPath("stiffness", 0),
+        "frictionloss": NumberPath("frictionloss"),
+    },
+    "option": _list_components("gravity"),
+}
+"""Element -> name of the number -> where it is."""
+
+
+def collect_model_numbers(spec: mujoco.MjSpec) -> dict[str, float]:
+    """Return all numbers of ``spec`` that can be changed, by name."""
+    numbers = {}
+    for title, element in _list_elements(spec).items():
+        for number, path in NUMBERS[title.split(".")[0]].items():
+            value = float(_read(element, path))
+            if math.isfinite(value):
+                numbers[f"{PREFIX}{title}.{number}"] = value
+    return numbers
+
+
+def set_model_numbers(spec: mujoco.MjSpec, values: Mapping[str, float]) -> None:
+    """Set numbers of ``spec`` (name -> value); raises InputError for an unknown name or a value that is not finite."""
+    if not values:
+        return
+    elements = _list_elements(spec)
+    for name, value in values.items():
+        title, _, number = name.removeprefix(PREFIX).rpartition(".")
+        element, paths = elements.get(title), NUMBERS.get(title.split(".")[0], {})
+        if element is None or number not in paths or not math.isfinite(_read(element, paths[number])):
+            known = collect_model_numbers(spec)
+            raise InputError(f"'{name}' is not a number of the model; {suggest(name, known, _describe(known))}")
+        if not math.isfinite(value):
+            raise InputError(f"'{name}' is {value}; allowed: a finite number")
+        _write(element, paths[number], value)
+
+
+def _describe(known: Mapping[str, float]) -> str:
+    return f"allowed: {', '.join(known)}"
+
+
+def _list_elements(spec: mujoco.MjSpec) -> dict[str, Any]:
+    """Return ``<element>.<name>`` -> element for all elements with a name, and ``option``."""
+    groups = {
+        "joint": spec.joints,
+        "body": [body for body in spec.bodies if body.explicitinertial],
+        "geom": spec.geoms,
+        "site": spec.sites,
+        "tendon": spec.tendons,
+    }
+    named = {f"{kind}.{element.name}": element for kind, group in groups.items() for element in group if element.name}
+    return {**named, "option": spec.option}
+
+
+def _read(element: Any, path: NumberPath) -> float:
+    value = getattr(element, path.attribute)
+    return float(value if path.component is None else np.asarray(value)[path.component])
+
+
+def _write(element: Any, path: NumberPath, value: float) -> None:
+    if path.component is None:
+        setattr(element, path.attribute, value)
+        return
+    values = np.array(getattr(element, path.attribute), dtype=np.float64)
+    values[path.component] = value
+    setattr(element, path.attribute, values)

@@ -1,0 +1,136 @@
+"""The state in which a mechanism rests under its first inputs: the start of a simulation."""
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from klute_sim.device.equilibrium import compute_equilibrium_state
+from klute_sim.plant import callbacks
+from klute_sim.plant.actuator import DeviceActuator
+from klute_sim.types import Array
+
+MAX_NEWTON_STEPS = 40
+"""Largest number of Newton steps."""
+MAX_NEWTON_MOTION = 0.1
+"""Largest motion of a joint in one Newton step [m or rad]."""
+POSITION_PERTURBATION = 1e-6
+"""Change of a joint [m or rad] that measures how its acceleration depends on its position."""
+REST_TOLERANCE = 1e-9
+"""Newton step of every joint [m or rad] below which the mechanism rests."""
+RELAXATION_TIME = 0.02
+"""Time [s] that joints move between two stops of a relaxation (assumed)."""
+MAX_RELAXATIONS = 200
+"""Largest number of relaxations; a mechanism that does not rest begins where they end."""
+RELAXATION_TOLERANCE = 1e-7
+"""Change of every joint in one relaxation [m or rad] below which the mechanism rests."""
+
+
+def move_to_rest(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    devices: Mapping[str, DeviceActuator],
+    pressures: Mapping[str, float],
+    controls: ArrayLike,
+    driven_joints: Collection[str],
+) -> None:
+    """Move ``data`` to its equilibrium under constant ``pressures`` [Pa] and ``controls``, without dry friction.
+
+    ``devices`` and ``pressures`` are by name of the device; ``driven_joints`` stay where they are. Newton's method
+    seeks positions without acceleration. Where it finds none, or a joint has several degrees of freedom, all joints
+    start from rest again and again until they no longer move (dynamic relaxation with kinetic damping; Day, 1965).
+    Where joints rub, every position near the equilibrium is one; which of them depends on the past, and is unknown.
+    """
+    data.ctrl[:] = controls
+    start = data.qpos.copy()
+    with _without_friction_loss(model):
+        if not _solve_newton(model, data, devices, pressures, driven_joints):
+            data.qpos[:] = start
+            _relax(model, data, devices, pressures)
+    data.qvel[:] = 0.0
+    _set_devices_to_equilibrium(model, data, devices, pressures)
+    data.time = 0.0
+
+
+def _solve_newton(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    devices: Mapping[str, DeviceActuator],
+    pressures: Mapping[str, float],
+    driven_joints: Collection[str],
+) -> bool:
+    """Move the free joints to positions without acceleration; return whether a stable equilibrium was reached."""
+    scalar = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+    if any(int(kind) not in scalar for kind in model.jnt_type):
+        return False
+    free = [index for index in range(model.njnt) if model.joint(index).name not in driven_joints]
+    positions, dofs = model.jnt_qposadr[free], model.jnt_dofadr[free]
+
+    def accelerate(joint_positions: Array) -> Array:
+        data.qpos[positions] = joint_positions
+        data.qvel[:] = 0.0
+        _set_devices_to_equilibrium(model, data, devices, pressures)
+        mujoco.mj_forward(model, data)
+        return np.array(data.qacc[dofs])
+
+    x = np.array(data.qpos[positions])
+    for _ in range(MAX_NEWTON_STEPS):
+        if not len(free):
+            return True
+        acceleration = accelerate(x)
+        perturbations = POSITION_PERTURBATION * np.eye(len(free))
+        jacobian = (
+            np.column_stack([(accelerate(x + dx) - acceleration) for dx in perturbations]) / POSITION_PERTURBATION
+        )
+        if not np.isfinite(jacobian).all() or np.linalg.eigvals(jacobian).real.max() >= 0.0:
+            return False  # no stable equilibrium is near
+        step = np.linalg.solve(jacobian, -acceleration)
+        x = x + np.clip(step, -MAX_NEWTON_MOTION, MAX_NEWTON_MOTION)
+        if np.max(np.abs(step)) < REST_TOLERANCE:
+            data.qpos[positions] = x
+            return True
+    return False
+
+
+def _relax(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    devices: Mapping[str, DeviceActuator],
+    pressures: Mapping[str, float],
+) -> None:
+    n_steps = max(1, round(RELAXATION_TIME / model.opt.timestep))
+    for _ in range(MAX_RELAXATIONS):
+        _set_devices_to_equilibrium(model, data, devices, pressures)
+        before = data.qpos.copy()
+        data.qvel[:] = 0.0
+        callbacks.step_model(model, data, n_steps)
+        if not len(before) or np.max(np.abs(data.qpos - before)) < RELAXATION_TOLERANCE:
+            return
+
+
+@contextmanager
+def _without_friction_loss(model: mujoco.MjModel) -> Iterator[None]:
+    flags = int(model.opt.disableflags)
+    model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
+    try:
+        yield
+    finally:
+        model.opt.disableflags = flags
+
+
+def _set_devices_to_equilibrium(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    devices: Mapping[str, DeviceActuator],
+    pressures: Mapping[str, float],
+) -> None:
+    """Set every device to its equilibrium at the length of its tendon in ``data`` and its pressure [Pa]."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_tendon(model, data)
+    for name, actuator in devices.items():
+        tendon = model.actuator_trnid[actuator.id, 0]
+        length = float(data.ten_length[tendon])
+        actuator.set_state(data, compute_equilibrium_state(actuator.parameters, length, pressures[name]))
