@@ -53,7 +53,8 @@ class DeviceParameters(NamedTuple):
     tendon: TendonParameters
     supply: SupplyParameters
     effects: Sequence[float] = NO_EFFECTS
-    """Values of all effects in the order of the catalogue; the first value is the number of active effects."""
+    """Values of all effects in the order of the catalogue; the first is the number of active ones
+    (:mod:`klute_sim.effects.chain`)."""
 
 
 class DeviceState(NamedTuple):
@@ -136,28 +137,28 @@ def compute_muscle_force(
 
     ``pressure`` is the gauge pressure [Pa].
     """
-    pull = mckibben.force(parameters.muscle, pressure, length)
     damper, effects = apply_damper_effects(parameters, internal_state), parameters.effects
     damping = (
         get_damper_state(internal_state).force
         if damper_chamber.has_elastic_chambers(damper)
         else _damper.force(damper, velocity)
     )
-    if effects[0] != 0.0:
-        muscle = parameters.muscle
-        contact = mckibben.contact_pressure(pressure)
-        acting_pressure = effect_chain.acting_pressure(effects, internal_state, contact, muscle, length)
-        pull = effect_chain.muscle_force(
-            effects,
-            internal_state,
-            mckibben.force(muscle, acting_pressure, length),
-            muscle,
-            acting_pressure,
-            length,
-            velocity,
-        )
-        damping = effect_chain.damper_force(effects, internal_state, damping, velocity)
-    return pull + damping
+    muscle = parameters.muscle
+    if effects[0] == 0.0:
+        return mckibben.force(muscle, pressure, length) + damping
+    contact = mckibben.contact_pressure(pressure)
+    acting_pressure = effect_chain.acting_pressure(effects, internal_state, contact, muscle, length)
+    pull: float = effect_chain.muscle_force(
+        effects,
+        internal_state,
+        mckibben.force(muscle, acting_pressure, length),
+        muscle,
+        acting_pressure,
+        length,
+        velocity,
+    )
+    resistance: float = effect_chain.damper_force(effects, internal_state, damping, velocity)
+    return pull + resistance
 
 
 def compute_tendon_force(

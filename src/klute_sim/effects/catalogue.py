@@ -23,7 +23,7 @@ import os
 import sys
 import types
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -294,13 +294,26 @@ def pack_effects(active_forms: Mapping[tuple[str, str], Mapping[str, float]]) ->
     values = [0.0] * count_values_and_states()[0]
     for (effect, form), parameters in active_forms.items():
         slot = find_slot(effect, form)
-        values[0] += 1.0
         values[slot.switch_index] = 1.0
         for k, parameter in enumerate(slot.form.parameters):
             value = parameters.get(parameter.key, parameter.neutral)
             assert value is not None, f"{effect} needs {parameter.key}"
             values[slot.switch_index + 1 + k] = parameter.to_si(value)
-    return tuple(values)
+    return _count_forms(values)
+
+
+def select_effects(values: Sequence[float], is_selected: Callable[[chain.EffectSlot], bool]) -> tuple[float, ...]:
+    """Return effect ``values`` of a device with those of its active forms for which ``is_selected`` is true."""
+    selected = [0.0] * len(values)
+    for slot in get_device_slots():
+        if values[slot.switch_index] != 0.0 and is_selected(slot):
+            end = slot.switch_index + 1 + len(slot.form.parameters)
+            selected[slot.switch_index : end] = values[slot.switch_index : end]
+    return _count_forms(selected)
+
+
+def _count_forms(values: Sequence[float]) -> tuple[float, ...]:
+    return (*chain.count_active_forms(values, get_device_slots()), *values[chain.N_COUNTS :])
 
 
 def chain_device_effects(

@@ -1,8 +1,9 @@
 """Chains of all effect forms at their hooks, so that one compiled device covers every combination of effects.
 
-The sequence ``values`` starts with the number of active forms. Then follow, for each form, its switch (1 active, 0
-inactive) and its parameters. An inactive form costs one comparison; a device without effects costs one comparison in
-total. The sequence ``states`` holds the internal states of all forms.
+The sequence ``values`` starts with the number of active forms, in total and at each of :data:`CHAINED_HOOKS`. Then
+follow, for each form, its switch (1 active, 0 inactive) and its parameters. A hook without active forms costs one
+comparison, at other hooks each inactive form costs one; a device without effects costs one comparison in total. The
+sequence ``states`` holds the internal states of all forms.
 """
 
 import types
@@ -10,6 +11,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from klute_sim.effects.effect import HOOKS, SEPARATE_HOOKS, EffectForm
+
+CHAINED_HOOKS = (*(hook for hook in HOOKS if hook not in SEPARATE_HOOKS), "next_state")
+"""Hooks of the device step, in the order of the numbers of forms that are active at them."""
+N_COUNTS = 1 + len(CHAINED_HOOKS)
+"""Number of counts at the start of ``values``."""
 
 
 class EffectSlot(NamedTuple):
@@ -27,12 +33,19 @@ class EffectSlot(NamedTuple):
 
 def allocate_slots(forms: Sequence[tuple[str, EffectForm]]) -> list[EffectSlot]:
     """Return consecutive slots for ``forms``, given as pairs (name of the effect, form)."""
-    slots, switch_index, state_start = [], 1, 0
+    slots, switch_index, state_start = [], N_COUNTS, 0
     for effect, form in forms:
         slots.append(EffectSlot(effect, form, switch_index, state_start))
         switch_index += 1 + len(form.parameters)
         state_start += form.n_states
     return slots
+
+
+def count_active_forms(values: Sequence[float], slots: Sequence[EffectSlot]) -> list[float]:
+    """Return the counts with which ``values`` of ``slots`` start: active forms in total, and at each hook."""
+    active = [slot for slot in slots if values[slot.switch_index] != 0.0]
+    at_hooks = [sum(hook in slot.form.laws for slot in active) for hook in CHAINED_HOOKS]
+    return [float(len(active)), *map(float, at_hooks)]
 
 
 def chain_hooks(
@@ -46,68 +59,96 @@ def chain_hooks(
     law, and ``compile_function`` compiles each link of the chain.
     """
     module = types.ModuleType(f"{__name__} (assembled)")
-    for hook in HOOKS:
-        if hook in SEPARATE_HOOKS:
-            continue
-        function = compile_function(_identity)
-        for slot in slots:
-            if hook in slot.form.laws:
-                function = compile_function(_chain_law(function, compile_law(slot.form.laws[hook]), slot))
-        setattr(module, hook, function)
-    function = compile_function(_empty_state)
-    for slot in slots:
-        if slot.form.states:
-            function = compile_function(_chain_state(function, compile_law(slot.form.laws["next_state"]), slot))
-    module.next_state = function  # type: ignore[attr-defined]
+    for index, hook in enumerate(CHAINED_HOOKS):
+        setattr(module, hook, _write_hook(index, slots, compile_law, compile_function))
     return module
 
 
-def _identity(values: Any, states: Any, value: float, *context: Any) -> float:
+# A compiled function clears its variables and counts references to ``values`` whenever it is called, which would cost
+# more than the laws. So a hook without active forms returns from a function without variables, the links of a hook are
+# one function, and a law has its numbers unpacked in a function of its own, which is called if it is active. The
+# indices are written out because a compiler cannot build a named tuple from a slice of an array.
+_LAW_SKIP = """
+def hook(values, states, value, *context):
+    if values[{count}] == 0.0:
+        return value
+    return chain(values, states, value, *context)
+"""
+_LAW_CHAIN = """
+def chain(values, states, value, *context):
+{links}
     return value
-
-
-def _empty_state(values: Any, states: Any, *context: Any) -> Any:
-    return ()
-
-
+"""
 _LAW_LINK = """
-def link(values, states, value, *context):
-    value = previous(values, states, value, *context)
     if values[{switch}] != 0.0:
-        return law(Parameters({parameters}), State({state}), value, *context)
-    return value
+        value = apply_{switch}(values, states, value, *context)
+"""
+_STATE_SKIP = """
+def hook(values, states, *context):
+    if values[{count}] == 0.0:
+        return states[:{n_states}]
+    return chain(values, states, *context)
+"""
+_STATE_CHAIN = """
+def chain(values, states, *context):
+{links}
+    return ({names})
 """
 _STATE_LINK = """
-def link(values, states, *context):
-    preceding = previous(values, states, *context)
+    {names} = {state}
     if values[{switch}] != 0.0:
-        after = law(Parameters({parameters}), State({state}), *context)
-        return preceding + ({after},)
-    return preceding + ({state},)
+        {names} = apply_{switch}(values, states, *context)
+"""
+_APPLICATION = """
+def apply(values, states, *context):
+    return law(Parameters({parameters}), State({state}), *context)
 """
 
 
-def _chain_law(previous: Any, law: Any, slot: EffectSlot) -> Any:
-    return _write_link(_LAW_LINK, previous, law, slot)
+def _write_hook(
+    index: int,
+    slots: Sequence[EffectSlot],
+    compile_law: Callable[[Any], Any],
+    compile_function: Callable[[Any], Any],
+) -> Any:
+    """Return the function of hook ``index``, which applies the laws of all active forms in the order of ``slots``."""
+    hook = CHAINED_HOOKS[index]
+    acting = [slot for slot in slots if hook in slot.form.laws]
+    numbers = range(slots[-1].state_start + slots[-1].form.n_states)
+    is_state = hook == "next_state"
+    skip, chain, link = (_STATE_SKIP, _STATE_CHAIN, _STATE_LINK) if is_state else (_LAW_SKIP, _LAW_CHAIN, _LAW_LINK)
+    applications = {
+        f"apply_{slot.switch_index}": compile_function(
+            _define(
+                "apply",
+                _APPLICATION.format(**_format_slot(slot)),
+                law=compile_law(slot.form.laws[hook]),
+                Parameters=slot.form.parameter_type,
+                State=slot.form.state_type,
+            )
+        )
+        for slot in acting
+    }
+    links = "".join(link.format(**_format_slot(slot)) for slot in acting)
+    code = chain.format(links=links, names="".join(f"s{k}, " for k in numbers))
+    chained = compile_function(_define("chain", code, **applications))
+    return compile_function(_define("hook", skip.format(count=1 + index, n_states=len(numbers)), chain=chained))
 
 
-def _chain_state(previous: Any, law: Any, slot: EffectSlot) -> Any:
-    return _write_link(_STATE_LINK, previous, law, slot)
+def _format_slot(slot: EffectSlot) -> dict[str, Any]:
+    """Return the indices and names of the numbers of ``slot`` for the templates."""
+    first = slot.switch_index + 1
+    numbers = range(slot.state_start, slot.state_start + slot.form.n_states)
+    return {
+        "switch": slot.switch_index,
+        "parameters": ", ".join(f"values[{first + k}]" for k in range(len(slot.form.parameters))),
+        "state": "".join(f"states[{k}], " for k in numbers),
+        "names": "".join(f"s{k}, " for k in numbers),
+    }
 
 
-def _write_link(template: str, previous: Any, law: Any, slot: EffectSlot) -> Any:
-    """Return the function of ``template`` for ``slot``.
-
-    The indices are written out because a compiler cannot build a named tuple from a slice of an array.
-    """
-    form, names = slot.form, {"previous": previous, "law": law}
-    first_parameter = slot.switch_index + 1
-    code = template.format(
-        switch=slot.switch_index,
-        parameters=", ".join(f"values[{first_parameter + k}]" for k in range(len(form.parameters))),
-        state=", ".join(f"states[{slot.state_start + k}]" for k in range(form.n_states)),
-        after=", ".join(f"after[{k}]" for k in range(form.n_states)),
-    )
-    names |= {"Parameters": form.parameter_type, "State": form.state_type, "__name__": __name__}
+def _define(name: str, code: str, **names: Any) -> Any:
+    """Return the function ``name`` that ``code`` defines with ``names``."""
+    names["__name__"] = __name__
     exec(code, names)
-    return names["link"]
+    return names[name]

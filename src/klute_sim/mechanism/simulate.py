@@ -15,7 +15,6 @@ import numpy as np
 
 from klute_sim.device.dynamics import (
     N_INTERNAL_STATES,
-    NO_EFFECTS,
     DeviceParameters,
     get_dead_time,
 )
@@ -232,13 +231,8 @@ def make_pressure_prescribed(parameters: DeviceParameters) -> DeviceParameters:
         temperature=parameters.supply.temperature,
         dead_volume=parameters.supply.dead_volume,
     )
-    effects = list(parameters.effects)
-    for slot in catalogue.get_device_slots():
-        if effects[slot.switch_index] != 0.0 and set(slot.form.laws) <= SUPPLY_HOOKS:
-            end = slot.switch_index + 1 + len(slot.form.parameters)
-            effects[slot.switch_index : end] = NO_EFFECTS[slot.switch_index : end]
-            effects[0] -= 1.0
-    return parameters._replace(supply=supply, effects=tuple(effects))
+    effects = catalogue.select_effects(parameters.effects, lambda slot: not set(slot.form.laws) <= SUPPLY_HOOKS)
+    return parameters._replace(supply=supply, effects=effects)
 
 
 SUPPLY_HOOKS = frozenset({"supply", "pressure_target", "pressure_reached", "next_state"})

@@ -13,7 +13,7 @@ from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.laws.pneumatics import SupplyParameters
 from klute_sim.laws.tendon import TendonParameters
 
-LAYOUT_ID = 2001e6 + catalogue.compute_layout_checksum()
+LAYOUT_ID = 2002e6 + catalogue.compute_layout_checksum()
 """First number of a row; a row with another layout or other effects has another number."""
 EFFECTS_OFFSET = (
     1

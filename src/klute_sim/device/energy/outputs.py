@@ -136,13 +136,9 @@ def accumulate_effects(parameters: DeviceParameters) -> tuple[tuple[str, ...], t
     The order is that of the catalogue. The action of an effect may depend on the effects before it. The difference of
     two consecutive devices is the contribution of one effect, and the contributions sum to the total.
     """
-    names, cumulative = [], [parameters._replace(effects=NO_EFFECTS)]
-    effects = list(NO_EFFECTS)
-    for slot in catalogue.get_device_slots():
-        if parameters.effects[slot.switch_index] != 0.0:
-            end = slot.switch_index + 1 + len(slot.form.parameters)
-            effects[slot.switch_index : end] = parameters.effects[slot.switch_index : end]
-            effects[0] += 1.0
-            names.append(slot.effect)
-            cumulative.append(parameters._replace(effects=tuple(effects)))
-    return tuple(names), tuple(cumulative)
+    active = [slot for slot in catalogue.get_device_slots() if parameters.effects[slot.switch_index] != 0.0]
+    cumulative = [parameters._replace(effects=NO_EFFECTS)]
+    for count in range(1, len(active) + 1):
+        effects = catalogue.select_effects(parameters.effects, active[:count].__contains__)
+        cumulative.append(parameters._replace(effects=effects))
+    return tuple(slot.effect for slot in active), tuple(cumulative)

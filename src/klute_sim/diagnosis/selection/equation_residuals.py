@@ -140,15 +140,10 @@ def _with_measured_pressure(
     grid = experiment.start_time + experiment.dt * np.arange(1, len(experiment.command) + 1)
     pressure = np.where(grid < series.time[0], experiment.command, np.interp(grid, series.time, series.value))
     supply = SupplyParameters(parameters.supply.max_pressure, INSTANT_PRESSURE_RATE, parameters.supply.temperature)
-    effects = list(parameters.effects)
-    for slot in catalogue.get_device_slots():
-        if effects[slot.switch_index] and catalogue.get_effects()[slot.effect].acts_in_supply:
-            effects[slot.switch_index] = 0.0
-            effects[0] -= 1.0
-            effects[slot.switch_index + 1 : slot.switch_index + 1 + len(slot.form.parameters)] = [0.0] * len(
-                slot.form.parameters
-            )
-    return replace(experiment, command=pressure), parameters._replace(supply=supply, effects=tuple(effects))
+    effects = catalogue.select_effects(
+        parameters.effects, lambda slot: not catalogue.get_effects()[slot.effect].acts_in_supply
+    )
+    return replace(experiment, command=pressure), parameters._replace(supply=supply, effects=effects)
 
 
 def _simulate_samples(experiment: BenchExperiment, parameters: DeviceParameters) -> dict[str, Array]:
