@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from klute_sim.datasets import dataset as datasets
+from klute_sim.datasets.trial import SensorLimits, TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis, linearize
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.screening import screen_candidates
 from klute_sim.diagnosis.workflow import fit_base_device
@@ -90,3 +91,22 @@ def test_effect_with_a_threshold_is_fitted_from_where_it_is_visible(tmp_path: Pa
     (refitted,) = ForwardSelection(weighted_data, [], []).refit_candidates(base, result)
     assert refitted.values[-1] == pytest.approx(0.3, rel=0.03)
     simulator.close()
+
+
+def test_repeats_share_derivatives_that_each_of_them_would_give(fitted_data: tuple) -> None:
+    data, weighted_data, simulator = fitted_data
+    assert weighted_data.representatives == [2 * (k // 2) for k in range(len(weighted_data.experiments))]
+    fit, _ = fit_base_device(data, weighted_data.experiments, simulator)
+    hypothesis = fit.hypothesis.with_term(EffectTerm("seal_friction", "coulomb"))
+    x = np.append(fit.x, 1.0)
+    _, shared = linearize(weighted_data, hypothesis, x)
+    single = [linearize(weighted_data.with_experiments([e]), hypothesis, x)[1] for e in weighted_data.experiments]
+    n_priors = hypothesis.n_device_parameters
+    own = np.concatenate([*(rows[:-n_priors] for rows in single), single[0][-n_priors:]])
+    assert own.shape == shared.shape
+    assert np.linalg.norm(shared - own) < 0.05 * np.linalg.norm(own)  # repeats have noise in their inputs
+    trial = weighted_data.experiments[0]
+    shorter = replace(trial, measured={c: TimeSeries(s.time[1:], s.value[1:]) for c, s in trial.measured.items()})
+    assert weighted_data.with_experiments([trial, shorter]).representatives == [0, 1]
+    limited = replace(trial, limits={"force": SensorLimits(0.0, 1e3)})
+    assert weighted_data.with_experiments([trial, limited]).representatives == [0, 1]

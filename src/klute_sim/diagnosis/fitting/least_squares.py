@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import least_squares
 
-from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
@@ -67,6 +67,35 @@ class WeightedData:
             for readings in self.simulator.simulate(setups, self.experiments, coarse=coarse)
         ]
 
+    @cached_property
+    def representatives(self) -> list[int]:
+        """For each experiment: the index of its first repeat with the same samples.
+
+        Repeats have the same inputs but for noise, so they share derivatives. Samples at the limit of a sensor respond
+        in one repeat and not in another, so such trials represent themselves.
+        """
+        indices = []
+        for index, e in enumerate(self.experiments):
+            same = (k for k, other in enumerate(self.experiments[:index]) if _has_same_samples(e, other))
+            indices.append(next(same, index))
+        return indices
+
+    def compute_changes(
+        self, before: Sequence[SimulationSetup], after: Sequence[Sequence[SimulationSetup]], *, coarse: bool = False
+    ) -> list[list[dict[str, Array]]]:
+        """Return the changes of the residuals [SI] from the setups ``before`` to each row of setups ``after``.
+
+        A row has one setup per experiment. Only :attr:`representatives` are simulated.
+        """
+        indices = sorted(set(self.representatives))
+        rows = [[row[index] for index in indices] for row in (before, *after)]
+        base, *changed = self.simulator.simulate(rows, [self.experiments[i] for i in indices], coarse=coarse)
+        positions = [indices.index(index) for index in self.representatives]
+        return [
+            [{channel: base[k][channel] - value for channel, value in readings[k].items()} for k in positions]
+            for readings in changed
+        ]
+
     def weight_residuals(self, residuals: Residuals) -> Array:
         """Return one vector of weighted residuals; its square is chi squared over independent samples."""
         parts = [
@@ -92,6 +121,21 @@ class WeightedData:
     def with_experiments(self, experiments: Sequence[Experiment]) -> "WeightedData":
         """Return other ``experiments`` with the same noise."""
         return WeightedData(self.simulator, experiments, self.noise, self.cache)
+
+
+def _has_same_samples(experiment: Experiment, other: Experiment) -> bool:
+    """Return whether two trials are repeats with the same duration and the same channels at the same times."""
+    if experiment.group != other.group or experiment.limits or other.limits:
+        return False
+    if experiment.device.digest != other.device.digest or experiment.trusted != other.trusted:
+        return False
+    if experiment.dt != other.dt or len(experiment.command) != len(other.command):
+        return False
+    if experiment.measured.keys() != other.measured.keys():
+        return False
+    times = [(series.time, other.measured[channel].time) for channel, series in experiment.measured.items()]
+    delay = experiment.start_time - other.start_time
+    return all(len(a) == len(b) and np.allclose(a - delay, b, rtol=0.0, atol=1e-6) for a, b in times)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,10 +281,18 @@ class _LeastSquaresProblem:
         """Return the Jacobian of :meth:`evaluate` by one-sided differences within the bounds, in one batch."""
         signs = np.where(x + FINITE_DIFFERENCE_STEP > self._upper, -1.0, 1.0)
         points = [x + FINITE_DIFFERENCE_STEP * sign * unit for sign, unit in zip(signs, np.eye(len(x)), strict=True)]
-        center, *vectors = self._evaluate_points([x, *points])
-        return np.stack(
-            [(v - center) / (FINITE_DIFFERENCE_STEP * s) for v, s in zip(vectors, signs, strict=True)], axis=1
-        )
+        data, n_priors = self._data, self._hypothesis.n_device_parameters
+        before, *after = (self._hypothesis.build_setups(point, data.experiments) for point in (x, *points))
+        columns = [
+            np.concatenate([data.weight_residuals(changes) / (FINITE_DIFFERENCE_STEP * sign), prior])
+            for changes, sign, prior in zip(
+                data.compute_changes(before, after, coarse=self._coarse),
+                signs,
+                np.eye(len(x), n_priors),
+                strict=True,
+            )
+        ]
+        return np.stack(columns, axis=1)
 
     def _evaluate_points(self, points: Sequence[Array]) -> list[Array]:
         rows = self._data.compute_residuals(self._hypothesis, points, coarse=self._coarse)

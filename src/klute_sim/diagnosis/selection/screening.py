@@ -189,14 +189,9 @@ def _evaluate_probes(
         _probe_parameters(h, point.x, size, shift) for h, (_, size, shift) in zip(hypotheses, probes, strict=True)
     ]
     setups = [h.build_setups(x, experiments) for h, x in zip(hypotheses, points, strict=True)]
-    setups.append(base_hypothesis.build_setups(point.x, experiments))
-    *probe_readings, base_readings = data.simulator.simulate(setups, experiments, coarse=True)
+    all_changes = data.compute_changes(base_hypothesis.build_setups(point.x, experiments), setups, coarse=True)
     candidates = []
-    for (term, _, _), hypothesis, x, readings in zip(probes, hypotheses, points, probe_readings, strict=True):
-        changes = [
-            {channel: before[channel] - after[channel] for channel in after}
-            for before, after in zip(base_readings, readings, strict=True)
-        ]
+    for (term, _, _), hypothesis, x, changes in zip(probes, hypotheses, points, all_changes, strict=True):
         probe_size, shift = float(x[n_known]), x[:n_known] - point.x
         if probe_size == 0.0:
             continue
