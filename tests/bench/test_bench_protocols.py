@@ -9,7 +9,6 @@ from klute_sim.bench import device_only, tester
 from klute_sim.bench.limits import unit_length
 from klute_sim.bench.metrics import select_closed_interval, select_half_open_interval
 from klute_sim.bench.protocols import library as protocols_library
-from klute_sim.bench.protocols.frequency import fit_sinusoid
 from klute_sim.bench.protocols.pressure_step import compute_step_response
 from klute_sim.bench.run import MAX_RECORDED_SAMPLES, BenchTrial, decimate_recording, plan_protocol, run_protocol
 from klute_sim.device.device import Device, list_presets, load_device, parse_device
@@ -17,6 +16,7 @@ from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
 from klute_sim.recording.recording import Recording
+from klute_sim.recording.sinusoid import fit_sinusoid
 
 PAIR, BARE = load_device("klute-3-4-pair"), load_device("klute-3-4")
 RELAXING = b"[effects.bladder_relaxation]\nstiffness_n_per_mm = 3.0\ntime_constant_s = 1.0\n"

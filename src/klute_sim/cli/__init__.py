@@ -23,7 +23,10 @@ COMMANDS = {
         "klute_sim.cli.sweep",
         "Simulate every combination of devices, controllers, subjects, speeds and slopes.",
     ),
-    "bench": ("klute_sim.cli.bench", "Simulate a tensile test of a device: forces, work, step responses."),
+    "bench": (
+        "klute_sim.cli.bench",
+        "Simulate a tensile test of a device (forces, work, step responses), or a joint (bench joint).",
+    ),
     "reproduce": ("klute_sim.cli.reproduce", "Compare the model with the dissertation's numbers and figures."),
     "design": ("klute_sim.cli.design", "Size actuator, damper and tendon for a muscle or a body mass."),
     "assumptions": (
@@ -44,6 +47,8 @@ COMMANDS = {
     "view": ("klute_sim.cli.view", "Open results in the rerun viewer, or draw them as pictures."),
 }
 """Module that defines the command as ``command``, and one line of help, by the name of the command."""
+JOINT_BENCHES = ("joint", "mass", "knee")
+"""Words after ``bench`` that name a mechanism instead of a protocol of the tensile tester."""
 
 
 @contextmanager
@@ -71,6 +76,9 @@ class _LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] == "bench" and len(args) > 1 and args[1] in JOINT_BENCHES:
+            module = __import__("klute_sim.cli.bench_joint", fromlist=["command"])
+            return f"bench {args[1]}", module.command, args[2:]
         if ctx.resilient_parsing or args[0] in COMMANDS or args[0].startswith("-"):
             return super().resolve_command(ctx, args)
         hint = suggest(args[0], COMMANDS, "run klute-sim --help for a list of all commands")

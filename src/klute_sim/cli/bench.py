@@ -44,6 +44,9 @@ def command(
     The crosshead moves the whole unit [mm, mm/s; shortening is positive], and the regulator follows a pressure command
     [bar]. The results are force [N], work per cycle [J; positive: done by the device] and step responses.
 
+    'klute-sim bench joint', 'bench mass' and 'bench knee' test a device on a joint or with a free load instead; see
+    'klute-sim bench joint --help'.
+
     Writes summary.json, results.csv (one row per trial), figure.png, protocol.toml, device.toml and one Parquet file
     per trial, which a dataset for klute-sim diagnose can contain.
 

@@ -1,6 +1,6 @@
 """Frequency response: gain and phase of pressure and force for sinusoidal pressure commands at a held length."""
 
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -12,6 +12,7 @@ from klute_sim.bench.trajectory import LengthTrajectory
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
+from klute_sim.recording.sinusoid import fit_sinusoid
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
@@ -87,24 +88,3 @@ class FrequencyResponseProtocol(PressureProtocol):
             metrics[f"{channel}_phase_deg"] = float(np.degrees(np.angle(response.phasor / reference.phasor)))
             metrics[f"{channel}_coherence"] = response.coherence
         return metrics
-
-
-class Sinusoid(NamedTuple):
-    """Sinusoid fitted to a signal."""
-
-    phasor: complex
-    """Amplitude and phase relative to a sine that starts at time 0."""
-    coherence: float
-    """Fraction of the variance around the fitted line that the sinusoid explains."""
-
-
-def fit_sinusoid(time: Array, samples: Array, frequency: float) -> Sinusoid:
-    """Fit a line and a sinusoid of ``frequency`` [Hz] to ``samples`` by least squares."""
-    angle = 2.0 * np.pi * frequency * time
-    line = np.stack([np.ones(len(time)), time - time.mean()], axis=1)
-    wave = np.stack([np.sin(angle), np.cos(angle)], axis=1)
-    both = np.hstack([line, wave])
-    numbers = np.linalg.lstsq(both, samples)[0]
-    left = float(((samples - both @ numbers) ** 2).sum())
-    around = float(((samples - line @ np.linalg.lstsq(line, samples)[0]) ** 2).sum())
-    return Sinusoid(complex(numbers[2], numbers[3]), 1.0 - left / around if around > 0.0 else float("nan"))

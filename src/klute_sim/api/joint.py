@@ -1,0 +1,180 @@
+"""Test devices on a joint or a free load: :func:`simulate_joint` and its result :class:`JointRun`."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from klute_sim.api.inputs import DeviceLike, ignore_progress, to_device
+from klute_sim.api.optional import import_pandas
+from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.errors import InputError, suggest
+from klute_sim.mechanism.model_file import load_model_file
+from klute_sim.mechanism.model_numbers import collect_model_numbers, set_model_numbers
+from klute_sim.mechanism.mounting import mount_devices
+from klute_sim.mechanism.protocols import ProtocolSettings
+from klute_sim.mechanism.run import JointTestResult, run_joint_test
+from klute_sim.recording import parquet
+from klute_sim.recording.recording import Recording
+from klute_sim.recording.run_folder import create_run_folder
+from klute_sim.types import ProgressCallback
+from klute_sim.units import BAR
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+DEFAULT_DEVICE = "klute-3-4-pair"
+"""Default device on every tendon."""
+DEFAULT_LOADS = {"hanging_mass": -50.0}
+"""Model -> default load [N or N m] of the tests with a load; other models have :data:`DEFAULT_MOMENT`."""
+DEFAULT_MOMENT = -2.0
+"""Default load of the tests with a load [N m], against the first muscle."""
+
+
+@dataclass(frozen=True, repr=False)
+class JointRun:
+    """Result of a test of a joint or a free load: metrics and recording of every trial."""
+
+    result: JointTestResult
+    """Trials with their conditions, metrics and recordings."""
+
+    @property
+    def table(self) -> list[dict[str, Any]]:
+        """One row per trial: its name, conditions and metrics, by keys with units."""
+        return [{"trial": trial.name, **trial.conditions, **trial.metrics} for trial in self.result.trials]
+
+    @property
+    def recordings(self) -> dict[str, Recording]:
+        """Recording of each trial, by the name of the trial."""
+        return {trial.name: trial.recording for trial in self.result.trials}
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """Content of summary.json without the names of the files."""
+        from klute_sim.report.joint.table import summarize_joint_test
+
+        return summarize_joint_test(self.result)
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return :attr:`table` as a pandas DataFrame with the trials as index.
+
+        Raises MissingExtraError without pandas.
+        """
+        pandas = import_pandas("JointRun.to_pandas")
+        frame: pd.DataFrame = pandas.DataFrame(self.table).set_index("trial")
+        return frame
+
+    def format_summary(self) -> Summary:
+        """Yield the table of the metrics."""
+        from klute_sim.report.joint.table import build_table
+
+        yield build_table(self.result)
+
+    def __repr__(self) -> str:
+        """Return one line: test, model and number of trials."""
+        return f"JointRun({self.result.test!r}, {self.result.file.name!r}, {len(self.result.trials)} trials)"
+
+    def __str__(self) -> str:
+        """Return the summary that the terminal shows."""
+        return render_text(self.format_summary())
+
+    def _repr_html_(self) -> str:
+        return render_html(self.format_summary())
+
+    def plot(self) -> "Figure":
+        """Return the figure of the run."""
+        from klute_sim.report.joint.figure import build_figure
+
+        return build_figure(self.result)
+
+    def save(self, folder: str | Path | None = None) -> Path:
+        """Write the files of ``klute-sim bench joint`` into ``folder`` (default: the next ``runs/joint-NNN``).
+
+        Returns the folder.
+        """
+        with create_run_folder("joint", folder) as (final_folder, scratch):
+            self.write_files(scratch, final_folder)
+        return final_folder
+
+    def write_files(self, scratch: Path, folder: Path) -> dict[str, Any]:
+        """Write all files into ``scratch``, which becomes ``folder``; return the content of summary.json."""
+        from klute_sim.report.joint.table import format_results_csv
+        from klute_sim.report.style import COMPACT_DPI
+
+        for name, device in self.result.devices.items():
+            (scratch / f"{name}.toml").write_bytes(device.content)
+        spec = self.result.file.make_spec()
+        set_model_numbers(spec, self.result.numbers)
+        spec.compile()  # MuJoCo writes compiled models only
+        (scratch / "model.xml").write_text(spec.to_xml(), "utf-8")
+        (scratch / "results.csv").write_text(format_results_csv(self.result), "utf-8")
+        for trial in self.result.trials:
+            parquet.write_recording(trial.recording, scratch / f"{trial.name}.parquet")
+        self.plot().savefig(scratch / "figure.png", dpi=COMPACT_DPI)
+        files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
+        summary = {**self.summary, "run": str(folder), "files": files}
+        (scratch / "summary.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", "utf-8")
+        return summary
+
+
+def simulate_joint(
+    device: DeviceLike | Mapping[str, DeviceLike] = DEFAULT_DEVICE,
+    test: str = "steps",
+    *,
+    model: str | Path = "antagonist_joint",
+    mean_pressure_bar: float = 2.5,
+    difference_bar: float = 1.0,
+    load: float | None = None,
+    numbers: Mapping[str, float] | None = None,
+    time_step: float = 5e-4,
+    progress: ProgressCallback | None = None,
+) -> JointRun:
+    """Run ``test`` with a device on every tendon of ``model`` and return the run.
+
+    Args:
+        device: Device, preset or path for all tendons, or a mapping from tendons to devices.
+        test: ``"steps"``, ``"sines"``, ``"multisine"``, ``"co-contraction"`` or ``"quick-release"``.
+        model: ``"antagonist_joint"``, ``"hanging_mass"``, ``"knee_jig"``, or the path of an MJCF file with one joint.
+        mean_pressure_bar: Mean gauge pressure [bar].
+        difference_bar: Amplitude of the pressure difference [bar].
+        load: External moment [N m] or force [N] of the tests with a load (default: -2 N m, or -50 N).
+        numbers: Changed numbers of the model, such as ``{"model.geom.load.mass": 2}``; they follow the mounting.
+        time_step: Time step [s].
+        progress: Receives the completed fraction and the current stage.
+
+    Raises InputError when an input is not usable, and SimulationError when the model diverges.
+    """
+    file = load_model_file(model)
+    spec = file.make_spec()
+    tendons = [tendon.name for tendon in spec.tendons if tendon.name]
+    devices = {name: to_device(entry) for name, entry in _assign_devices(device, tendons).items()}
+    known = collect_model_numbers(spec)
+    for name in numbers or {}:
+        if name not in known:
+            hint = "klute-sim bench joint --numbers lists them"
+            raise InputError(f"'{name}' is not a number of the model; {suggest(name, known, hint)}")
+    all_numbers = {**mount_devices(file, devices), **(numbers or {})}
+    if load is None:
+        load = DEFAULT_LOADS.get(file.name, DEFAULT_MOMENT)
+    settings = ProtocolSettings(mean_pressure_bar * BAR, difference_bar * BAR, load)
+    result = run_joint_test(
+        file, devices, all_numbers, test, settings, dt=time_step, progress=progress or ignore_progress
+    )
+    return JointRun(result)
+
+
+def _assign_devices(device: DeviceLike | Mapping[str, DeviceLike], tendons: list[str]) -> dict[str, DeviceLike]:
+    """Return tendon -> device; raise InputError for a tendon that the model lacks or that gets no device."""
+    if not isinstance(device, Mapping):
+        return dict.fromkeys(tendons, device)
+    for name in device:
+        if name not in tendons:
+            listing = f"allowed: {', '.join(tendons)}"
+            raise InputError(f"there is no tendon '{name}'; {suggest(name, tendons, listing)}")
+    missing = [name for name in tendons if name not in device]
+    if missing:
+        raise InputError(f"tendon '{missing[0]}' has no device; name one for each of: {', '.join(tendons)}")
+    return {name: device[name] for name in tendons}

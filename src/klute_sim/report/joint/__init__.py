@@ -1,0 +1,1 @@
+"""Report of a test of a joint or a free load: table, CSV and figure."""
