@@ -6,9 +6,7 @@ verdict, and they decide which device is recommended.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from klute_sim.datasets.dataset import Dataset, split_dataset
@@ -20,37 +18,24 @@ from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
+from klute_sim.diagnosis.final_model import FinalModel, select_complete_model, select_imperfect_model, select_proxies
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.imperfect_law import (
-    ImperfectLawDecision,
-    compute_jackknife_intervals,
     decide_verdict,
     find_complete_model,
     select_by_prediction,
 )
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
-from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
 from klute_sim.diagnosis.planning.proposals import propose_experiment
-from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions, Verdict
-from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, compute_equation_residuals
+from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.localization import locate_misfit
-from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
-from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
-from klute_sim.diagnosis.selection.robustness import (
-    EquivalentModel,
-    check_convergence,
-    find_equivalent_models,
-    find_smaller_model,
-)
 from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms
-from klute_sim.diagnosis.selection.sparse_regression import fit_discrepancy_term
 from klute_sim.types import ProgressCallback
 
 
@@ -122,7 +107,7 @@ def _run_workflow(
     )
     is_tolerated = search.is_within_tolerance(base_fit)  # what the user tolerates needs no name
     final_fit = base_fit if is_tolerated else search.run(base_fit)
-    selected: _SelectedModel | None = None
+    selected: FinalModel | None = None
     # Without repeats nothing but predictions can tell a misfit from noise.
     if not is_tolerated and (not search.has_repeats or search.has_misfit(final_fit)):
         progress(0.5, "predicting conditions that are left out")
@@ -132,14 +117,11 @@ def _run_workflow(
         if complete_fit is not None:
             final_fit = complete_fit
         elif decision.verdict in ("identified-in-part", "indistinguishable"):
-            selected = _select_imperfect_model(*prediction, decision, options)
-        else:  # nothing is named: proxies and a data-driven term follow
-            selected = _select_complete_model(search, base_fit, final_fit, options, progress)
-            if selected.verdict in ("unexplained", "insufficient-data"):
-                both = [*decision.reasons, *selected.reasons]
-                selected = selected._replace(verdict=decision.verdict, reasons=both, prediction=prediction[1])
+            selected = select_imperfect_model(*prediction, decision, options)
+        else:
+            selected = select_proxies(search, base_fit, final_fit, prediction[1], decision, options, progress)
     if selected is None:
-        selected = _select_complete_model(search, base_fit, final_fit, options, progress)
+        selected = select_complete_model(search, base_fit, final_fit, options, progress)
     if quantizers and "quantisation" not in options.exclude:
         sentences = [_describe_quantization(c, q) for c, q in quantizers.items()]
         verdict = "identified" if selected.verdict == "nothing-missing" else selected.verdict
@@ -184,117 +166,6 @@ def _run_workflow(
     return diagnosis
 
 
-class _SelectedModel(NamedTuple):
-    """The model that the selection ends with."""
-
-    verdict: Verdict
-    reasons: list[str]
-    data: WeightedData
-    """Trials of the final fit."""
-    base_fit: Fit
-    """Fit without added effects to the same trials."""
-    final_fit: Fit
-    confidence_intervals: list[tuple[float, float]]
-    equivalent_models: list[EquivalentModel]
-    equation_residuals: list[EquationResidual]
-    has_converged: bool
-    prediction: PredictiveResult | None = None
-
-
-def _select_complete_model(
-    search: ForwardSelection,
-    base_fit: Fit,
-    final_fit: Fit,
-    options: DiagnosisOptions,
-    progress: ProgressCallback,
-) -> _SelectedModel:
-    """Return the model where the noise between repeats decides."""
-    data = search.data
-    progress(0.6, "restarting the fit from another point")
-    final_fit, has_converged = check_convergence(data, final_fit, np.random.default_rng(options.seed))
-    smaller_fit = find_smaller_model(search, final_fit)
-    if smaller_fit is not None:
-        final_fit, has_converged = check_convergence(data, smaller_fit, np.random.default_rng(options.seed))
-    progress(0.7, "searching for equivalent models")
-    equivalent_models = find_equivalent_models(search, final_fit)
-    if equivalent_models and equivalent_models[0].bic_difference < -search.bic_threshold:
-        better_fit = equivalent_models[0].fit
-        final_fit, has_converged = check_convergence(data, better_fit, np.random.default_rng(options.seed))
-        equivalent_models = find_equivalent_models(search, final_fit)
-    verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
-    equation_residuals = compute_equation_residuals(data, final_fit)
-    if verdict == "unexplained":
-        progress(0.8, "fitting a data-driven term")
-        final_fit, has_converged, sentences = _add_discrepancy_term(
-            search, final_fit, base_fit, equation_residuals, options, has_converged
-        )
-        reasons += sentences
-        if any(term.effect_definition.data_driven for term in final_fit.hypothesis.terms):
-            equivalent_models = []  # these are equivalent to the model without the data-driven term
-    intervals = compute_confidence_intervals(data, final_fit)
-    return _SelectedModel(
-        verdict,
-        reasons,
-        data,
-        base_fit,
-        final_fit,
-        intervals,
-        equivalent_models,
-        equation_residuals,
-        has_converged,
-    )
-
-
-def _select_imperfect_model(
-    selection: PredictiveSelection,
-    result: PredictiveResult,
-    decision: ImperfectLawDecision,
-    options: DiagnosisOptions,
-) -> _SelectedModel:
-    """Return the model where the prediction of left-out conditions has decided for names."""
-    data, base_fit = selection.data, result.base.fit
-    final_fit, has_converged = check_convergence(data, result.chosen.fit, np.random.default_rng(options.seed))
-    equivalent_models = [
-        EquivalentModel(rival.fit, _find_replaced_term(result, rival), rival.error - result.chosen.error)
-        for rival in (result.rivals if decision.verdict == "indistinguishable" else ())
-    ]
-    return _SelectedModel(
-        decision.verdict,
-        decision.reasons,
-        data,
-        base_fit,
-        final_fit,
-        compute_jackknife_intervals(selection.assess(final_fit)),
-        equivalent_models,
-        compute_equation_residuals(data, final_fit),
-        has_converged,
-        result,
-    )
-
-
-def _find_replaced_term(result: PredictiveResult, rival: PredictiveModel) -> EffectTerm:
-    """Return a term of the chosen model that ``rival`` does not contain."""
-    return next(term for term in result.chosen.terms if term.identity not in rival.identities)
-
-
-def _add_discrepancy_term(
-    search: ForwardSelection,
-    final_fit: Fit,
-    base_fit: Fit,
-    equation_residuals: Sequence[EquationResidual],
-    options: DiagnosisOptions,
-    has_converged: bool,
-) -> tuple[Fit, bool, list[str]]:
-    """Return the fit with a data-driven term if one is accepted, whether it converged, and sentences about it."""
-    discrepancy = fit_discrepancy_term(search, final_fit, base_fit, equation_residuals, options.exclude)
-    sentences = [discrepancy.reason]
-    if discrepancy.fit is not None:
-        final_fit, has_converged = check_convergence(search.data, discrepancy.fit, np.random.default_rng(options.seed))
-        misfit = "still show a misfit" if search.has_misfit(final_fit) else "show no misfit"
-        sentences[-1] += f" With it, repeats {misfit}."
-    return final_fit, has_converged, [*sentences, *_describe_proxies(final_fit)]
-
-
 def fit_base_device(
     dataset: Dataset, experiments: Sequence[Experiment], simulator: Simulator, cache: FitCache | None = None
 ) -> tuple[Fit, WeightedData]:
@@ -319,68 +190,9 @@ def fit_base_device(
     return fit, data
 
 
-def _decide_verdict(
-    search: ForwardSelection, final_fit: Fit, equivalent_models: Sequence[EquivalentModel]
-) -> tuple[Verdict, list[str]]:
-    """Return the verdict and its reasons."""
-    terms = final_fit.hypothesis.terms
-    misfits = search.find_relevant_misfits(final_fit)
-    if misfits:
-        channel = max(misfits, key=lambda channel: misfits[channel].significance)
-        worst = misfits[channel]
-        sentence = (
-            f"All repeats of '{channel}' still show a misfit of {worst.rms / worst.noise_rms:.2f} times the noise "
-            f"({worst.significance:.0f} standard errors; {SIGNIFICANCE_SIGMAS:.0f} are allowed)."
-        )
-        last_step = f"Last step of the selection: {search.history[-1].reason}."
-        return "unexplained", [sentence, *([] if terms else [last_step])]
-    if not terms and not search.history:
-        limits = [
-            f"{channel} {tolerance / CHANNEL_UNITS[channel][1]:.4g} {CHANNEL_UNITS[channel][0]}"
-            for channel, tolerance in search.tolerance.items()
-        ]
-        within = ", ".join(limits)
-        return "nothing-missing", [f"The misfit is within the stated tolerance ({within})."]
-    if not terms:
-        return "nothing-missing" if search.has_repeats else "insufficient-data", [f"{search.history[-1].reason}."]
-    # A term may have a simpler form than the one that was added.
-    final_terms = {term.identity: term for term in terms}
-    steps = [
-        (step, final_terms[step.added_term.identity])
-        for step in search.history
-        if step.added_term is not None and step.added_term.identity in final_terms
-    ]
-    reasons = [f"{term}: {step.reason}." for step, term in steps]
-    explained = {term.identity for _, term in steps}
-    reasons += [
-        f"{term}: found together with the other effects; one at a time they explain less."
-        for term in terms
-        if term.identity not in explained
-    ]
-    if not all(step.validation_gains for step, _ in steps):
-        reasons.append(
-            "There is no second group of trials for validation: the result rests on the fitted trials alone."
-        )
-    if not search.has_repeats:
-        return "insufficient-data", reasons
-    if equivalent_models:
-        names = ", ".join(sorted({str(model.fit.hypothesis.terms[-1]) for model in equivalent_models}))
-        sentence = (
-            f"{names} would explain the data to the noise as well: BIC differs by no more than "
-            f"{search.bic_threshold:.0f}, or by a few per cent of what they gain."
-        )
-        return "indistinguishable", [*reasons, sentence]
-    return "identified", reasons
-
-
 def _describe_quantization(channel: str, quantizer: Quantizer) -> str:
     unit, si = CHANNEL_UNITS[channel]
     return (
         f"'{channel}' is quantised in steps of {quantizer.resolution / si:.4g} {unit}, "
         f"{1.0 / quantizer.dither:.1f} times the noise before quantisation; the step is that of the measured values."
     )
-
-
-def _describe_proxies(final_fit: Fit) -> list[str]:
-    proxies = " and ".join(str(term) for term in final_fit.hypothesis.terms if not term.effect_definition.data_driven)
-    return [f"Only a proxy was identified: {proxies} explains a part of the misfit."] if proxies else []

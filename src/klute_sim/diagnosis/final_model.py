@@ -1,0 +1,225 @@
+"""The model that a diagnosis ends with: one that reaches the noise, a named part of the misfit, or proxies."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.imperfect_law import ImperfectLawDecision, compute_jackknife_intervals
+from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
+from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
+from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, compute_equation_residuals
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
+from klute_sim.diagnosis.selection.robustness import (
+    EquivalentModel,
+    check_convergence,
+    find_equivalent_models,
+    find_smaller_model,
+)
+from klute_sim.diagnosis.selection.sparse_regression import fit_discrepancy_term
+from klute_sim.types import ProgressCallback
+
+
+class FinalModel(NamedTuple):
+    """The model that a diagnosis ends with."""
+
+    verdict: Verdict
+    reasons: list[str]
+    data: WeightedData
+    """Trials of the final fit."""
+    base_fit: Fit
+    """Fit without added effects to the same trials."""
+    final_fit: Fit
+    confidence_intervals: list[tuple[float, float]]
+    equivalent_models: list[EquivalentModel]
+    equation_residuals: list[EquationResidual]
+    has_converged: bool
+    prediction: PredictiveResult | None = None
+
+
+def select_complete_model(
+    search: ForwardSelection,
+    base_fit: Fit,
+    final_fit: Fit,
+    options: DiagnosisOptions,
+    progress: ProgressCallback,
+) -> FinalModel:
+    """Return the model where the noise between repeats decides."""
+    data = search.data
+    progress(0.6, "restarting the fit from another point")
+    final_fit, has_converged = check_convergence(data, final_fit, np.random.default_rng(options.seed))
+    smaller_fit = find_smaller_model(search, final_fit)
+    if smaller_fit is not None:
+        final_fit, has_converged = check_convergence(data, smaller_fit, np.random.default_rng(options.seed))
+    progress(0.7, "searching for equivalent models")
+    equivalent_models = find_equivalent_models(search, final_fit)
+    if equivalent_models and equivalent_models[0].bic_difference < -search.bic_threshold:
+        better_fit = equivalent_models[0].fit
+        final_fit, has_converged = check_convergence(data, better_fit, np.random.default_rng(options.seed))
+        equivalent_models = find_equivalent_models(search, final_fit)
+    verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
+    return FinalModel(
+        verdict,
+        reasons,
+        data,
+        base_fit,
+        final_fit,
+        compute_confidence_intervals(data, final_fit),
+        equivalent_models,
+        compute_equation_residuals(data, final_fit),
+        has_converged,
+    )
+
+
+def select_proxies(
+    search: ForwardSelection,
+    base_fit: Fit,
+    final_fit: Fit,
+    prediction: PredictiveResult,
+    decision: ImperfectLawDecision,
+    options: DiagnosisOptions,
+    progress: ProgressCallback,
+) -> FinalModel:
+    """Return the model where nothing is named: effects that stand in for what is missing, and a data-driven term."""
+    progress(0.6, "restarting the fit from another point")
+    final_fit, has_converged = check_convergence(search.data, final_fit, np.random.default_rng(options.seed))
+    equation_residuals = compute_equation_residuals(search.data, final_fit)
+    reasons = [*decision.reasons, *_describe_misfit(search, final_fit)]
+    if decision.verdict == "unexplained":
+        progress(0.8, "fitting a data-driven term")
+        final_fit, has_converged, sentences = _add_discrepancy_term(
+            search, final_fit, base_fit, equation_residuals, options, has_converged
+        )
+        reasons += sentences
+    return FinalModel(
+        decision.verdict,
+        reasons,
+        search.data,
+        base_fit,
+        final_fit,
+        compute_confidence_intervals(search.data, final_fit),
+        [],
+        equation_residuals,
+        has_converged,
+        prediction,
+    )
+
+
+def _describe_misfit(search: ForwardSelection, fit: Fit) -> list[str]:
+    """Return a sentence about the most significant misfit of ``fit``; none without repeats."""
+    misfits = search.find_relevant_misfits(fit)
+    if not misfits:
+        return []
+    channel = max(misfits, key=lambda channel: misfits[channel].significance)
+    worst = misfits[channel]
+    sentence = (
+        f"All repeats of '{channel}' still show a misfit of {worst.rms / worst.noise_rms:.2f} times the noise "
+        f"({worst.significance:.0f} standard errors; {SIGNIFICANCE_SIGMAS:.0f} are allowed)."
+    )
+    last_step = f"Last step of the selection: {search.history[-1].reason}."
+    return [sentence, *([] if fit.hypothesis.terms else [last_step])]
+
+
+def select_imperfect_model(
+    selection: PredictiveSelection,
+    result: PredictiveResult,
+    decision: ImperfectLawDecision,
+    options: DiagnosisOptions,
+) -> FinalModel:
+    """Return the model where the prediction of left-out conditions has decided for names."""
+    data, base_fit = selection.data, result.base.fit
+    final_fit, has_converged = check_convergence(data, result.chosen.fit, np.random.default_rng(options.seed))
+    equivalent_models = [
+        EquivalentModel(rival.fit, _find_replaced_term(result, rival), rival.error - result.chosen.error)
+        for rival in (result.rivals if decision.verdict == "indistinguishable" else ())
+    ]
+    return FinalModel(
+        decision.verdict,
+        decision.reasons,
+        data,
+        base_fit,
+        final_fit,
+        compute_jackknife_intervals(selection.assess(final_fit)),
+        equivalent_models,
+        compute_equation_residuals(data, final_fit),
+        has_converged,
+        result,
+    )
+
+
+def _find_replaced_term(result: PredictiveResult, rival: PredictiveModel) -> EffectTerm:
+    """Return a term of the chosen model that ``rival`` does not contain."""
+    return next(term for term in result.chosen.terms if term.identity not in rival.identities)
+
+
+def _add_discrepancy_term(
+    search: ForwardSelection,
+    final_fit: Fit,
+    base_fit: Fit,
+    equation_residuals: Sequence[EquationResidual],
+    options: DiagnosisOptions,
+    has_converged: bool,
+) -> tuple[Fit, bool, list[str]]:
+    """Return the fit with a data-driven term if one is accepted, whether it converged, and sentences about it."""
+    discrepancy = fit_discrepancy_term(search, final_fit, base_fit, equation_residuals, options.exclude)
+    sentences = [discrepancy.reason]
+    if discrepancy.fit is not None:
+        final_fit, has_converged = check_convergence(search.data, discrepancy.fit, np.random.default_rng(options.seed))
+        misfit = "still show a misfit" if search.has_misfit(final_fit) else "show no misfit"
+        sentences[-1] += f" With it, repeats {misfit}."
+    return final_fit, has_converged, [*sentences, *_describe_proxies(final_fit)]
+
+
+def _decide_verdict(
+    search: ForwardSelection, final_fit: Fit, equivalent_models: Sequence[EquivalentModel]
+) -> tuple[Verdict, list[str]]:
+    """Return the verdict and its reasons."""
+    terms = final_fit.hypothesis.terms
+    if search.has_misfit(final_fit):  # a complete model that lost a term, or restarted elsewhere
+        return "unexplained", _describe_misfit(search, final_fit)
+    if not terms and not search.history:
+        limits = [
+            f"{channel} {tolerance / CHANNEL_UNITS[channel][1]:.4g} {CHANNEL_UNITS[channel][0]}"
+            for channel, tolerance in search.tolerance.items()
+        ]
+        within = ", ".join(limits)
+        return "nothing-missing", [f"The misfit is within the stated tolerance ({within})."]
+    if not terms:
+        return "nothing-missing", [f"{search.history[-1].reason}."]
+    # A term may have a simpler form than the one that was added.
+    final_terms = {term.identity: term for term in terms}
+    steps = [
+        (step, final_terms[step.added_term.identity])
+        for step in search.history
+        if step.added_term is not None and step.added_term.identity in final_terms
+    ]
+    reasons = [f"{term}: {step.reason}." for step, term in steps]
+    explained = {term.identity for _, term in steps}
+    reasons += [
+        f"{term}: found together with the other effects; one at a time they explain less."
+        for term in terms
+        if term.identity not in explained
+    ]
+    if not all(step.validation_gains for step, _ in steps):
+        reasons.append(
+            "There is no second group of trials for validation: the result rests on the fitted trials alone."
+        )
+    if equivalent_models:
+        names = ", ".join(sorted({str(model.fit.hypothesis.terms[-1]) for model in equivalent_models}))
+        sentence = (
+            f"{names} would explain the data to the noise as well: BIC differs by no more than "
+            f"{search.bic_threshold:.0f}, or by a few per cent of what they gain."
+        )
+        return "indistinguishable", [*reasons, sentence]
+    return "identified", reasons
+
+
+def _describe_proxies(final_fit: Fit) -> list[str]:
+    proxies = " and ".join(str(term) for term in final_fit.hypothesis.terms if not term.effect_definition.data_driven)
+    return [f"Only a proxy was identified: {proxies} explains a part of the misfit."] if proxies else []
