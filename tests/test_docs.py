@@ -78,10 +78,10 @@ def test_readme_commands_are_those_of_ci() -> None:
 
 
 def test_documented_device_keys_are_complete() -> None:
-    from klute_sim.device.schema import document
+    from klute_sim.device.schema import document, muscle, parts, supply
 
     page = (ROOT / "docs" / "devices.md").read_text("utf-8")
-    sections = (document.Muscle, document.Damper, document.Tendon, document.Supply)
+    sections = (muscle.Muscle, parts.Cylinder, document.Damper, document.Tendon, supply.Supply)
     for section in (*sections, document.Mounting, document.PublishedMeasurement):
         for key in section.model_fields:
             assert f"`{key}`" in page, key

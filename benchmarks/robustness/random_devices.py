@@ -13,13 +13,12 @@ from pydantic import BaseModel
 
 from klute_sim.device.device import Device
 from klute_sim.device.schema.document import (
-    MIN_GAS_FRACTION,
     SECTION_OF_EFFECT,
     Damper,
-    Muscle,
     Tendon,
     parse_device_spec,
 )
+from klute_sim.device.schema.muscle import MIN_GAS_FRACTION, Muscle
 from klute_sim.device.schema.supply import Chamber, Leak, Line, Supply, Tank, Valve
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError

@@ -79,7 +79,7 @@ def test_bladder_and_friction_can_be_disabled() -> None:
         ("pressure_bar = 5.0", "pressure_bar = 60.0", "less than or equal to 20"),
         ("engagement_mm = ", "engagement_mm = 100", "tendon.engagement_mm"),
         ("[muscle]", "[muskel]", "unknown key 'muskel'; allowed here: name"),
-        ("[muscle]", "[muskel]", "key 'muscle' is missing"),
+        ("[supply]", "[suply]", "unknown key 'suply'; allowed here: name"),
         ("resting_length_mm = 250.0", 'resting_length_mm = "long"', "muscle.resting_length_mm = 'long'"),
         ("resting_length_mm = 250.0", "", "key 'muscle.resting_length_mm' is missing"),
         ("count = 2", "count = 0", "greater than or equal to 1"),

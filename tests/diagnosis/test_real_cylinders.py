@@ -32,25 +32,18 @@ LENGTH_OFFSET = 190.0
 """Length [mm] of the unit at position 0 of the log (assumed); it pushes as it shortens."""
 USES = ("fit", "validation", "fit", "test", "fit", "validation", "fit", "test", "fit")
 """Uses of nine strokes between upper reversals; warming and wear affect all uses."""
-EXCLUDED_EFFECTS = ("muscle_damping", "bladder_relaxation", "sensor_drift", "regulator_error", "hose", "pressure_delay")
-"""Effects that do not apply: there is no muscle, no pressure is simulated, and a drift over the log would act between
-strokes, not in each."""
+EXCLUDED_EFFECTS = ("sensor_drift", "clock_skew")
+"""Effects that do not apply: a drift over the log would act between strokes, not in each, and one log has one clock."""
 
 DEVICE = """
 name = "pneumatic cylinder"
-description = "A muscle as thin as a hair, with no rubber and no air in it, so that it pulls nothing; a rigid tie."
-[muscle]
-resting_length_mm = 200.0
-braid_length_ratio = 1.10
-turns_per_m = 1458.6
-bladder_radius_mm = 0.05
-bladder_thickness_mm = 0.01
-c10_kpa = 0.0
-c01_kpa = 0.0
-friction_slope_n_per_bar = 0.0
-friction_offset_n = 0.0
+[cylinder]
+extended_length_mm = 200.0
+stroke_mm = 60.0
+"""
+SUPPLY = """
 [supply]
-pressure_bar = 1.0
+pressure_bar = 8.0
 rate_bar_per_s = 1000.0
 gas_temperature_c = 20.0
 """
@@ -97,7 +90,6 @@ def write_dataset_folder(file: Path, folder: Path) -> Path:
         columns = {
             "time [s]": result.time[stroke],
             "length [mm]": LENGTH_OFFSET - position,
-            "pressure_command [bar]": np.zeros(len(position)),
             "force [N]": np.where(
                 (position > COMPARED_RANGE[0]) & (position < COMPARED_RANGE[1]), -result.resistance[stroke], np.nan
             ),
@@ -189,7 +181,7 @@ def compute_misfit_of_one_seal(logs: list[Log], force_n: float, growth_per_bar: 
 
     The simulation receives the measured motion and pressure. An offset and an error of the area are fitted.
     """
-    device = parse_device(DEVICE.replace("pressure_bar = 1.0", "pressure_bar = 8.0").encode(), "cylinder").parameters
+    device = parse_device((DEVICE + SUPPLY).encode(), "cylinder").parameters
     friction = {"force_n": force_n, "growth_per_bar": growth_per_bar, "stiffness_n_per_mm": 50.0}
     device = device._replace(effects=catalogue.pack_effects({("seal_friction", "pressure"): friction}))
     misfit, columns = [], []

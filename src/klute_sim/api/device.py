@@ -19,18 +19,21 @@ DEFAULT_PRESSURE_BAR = 5.0
 def describe_device(device: DeviceLike, pressure_bar: float | None = None) -> dict[str, Any]:
     """Return the numbers, the isometric forces and the published measurements of ``device`` in JSON types.
 
-    ``pressure_bar`` is the gauge pressure of the force table [bar]; None: 5, or the supply pressure if it is lower.
+    ``pressure_bar`` is the gauge pressure of the force table [bar]; None: 5, or the supply pressure if it is lower. A
+    device without a muscle has no such table.
 
-    Raises InputError for a pressure outside of 0 to the supply pressure.
+    Raises InputError for a pressure outside of 0 to the supply pressure, or without a muscle.
     """
     device = to_device(device)
     muscle, supply = device.parameters.muscle, device.parameters.supply.max_pressure / BAR
+    if pressure_bar is not None and device.spec.muscle is None:
+        raise InputError(f"'{device.name}' has no muscle, so no pressure is needed; leave it out")
     pressure_bar = min(DEFAULT_PRESSURE_BAR, supply) if pressure_bar is None else pressure_bar
     if not 0.0 <= pressure_bar <= supply:
         raise InputError(f"pressure is {pressure_bar:g} bar; the supply of '{device.name}' allows 0 to {supply:g} bar")
     pressure = pressure_bar * BAR
     forces = []
-    for ratio in LENGTH_RATIOS:
+    for ratio in LENGTH_RATIOS if device.spec.muscle is not None else ():
         length = ratio * muscle.resting_length
         geometric = mckibben.gas_force(muscle, pressure, length)
         with_bladder = geometric + mckibben.bladder_force(muscle, length)
@@ -70,6 +73,8 @@ def format_description(description: dict[str, Any]) -> Summary:
         source = row["source"] or "no source given"
         numbers.add_row(row["key"], f"{row['value']:g}", source, style="yellow" if row["assumed"] else None)
     yield numbers
+    if not description["isometric_force"]:
+        return
     forces = Table(title=f"Isometric force at {description['pressure_bar']:g} bar [N], model")
     for title in ("length / resting length", "geometric", "with bladder", "with friction"):
         forces.add_column(title, justify="right")

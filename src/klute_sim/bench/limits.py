@@ -27,12 +27,18 @@ def isometric_force(device: Device, muscle_ratio: float, pressure: float) -> flo
 def unit_length(device: Device, muscle_ratio: float, pressure: float) -> float:
     """Return the unit length [m] at which the muscle rests at ``muscle_ratio`` under ``pressure`` [Pa].
 
-    ``muscle_ratio`` is the muscle length over its resting length. At zero pressure the tendon is just taut.
+    ``muscle_ratio`` is the muscle length over its resting length, or the length of a cylinder over its extended length.
+    At zero pressure the tendon is just taut.
 
     Raises InputError when the muscle cannot have this length.
     """
     parameters = device.parameters
     muscle = parameters.muscle
+    if muscle.resting_length == 0.0:
+        raise InputError(
+            f"the protocol sets lengths as parts of a muscle or a cylinder, but '{device.name}' has neither; allowed: "
+            "a protocol with unit_lengths_mm, such as isokinetic-unit"
+        )
     min_ratio = lock_length(muscle) / muscle.resting_length
     if not min_ratio <= muscle_ratio <= 1.0:
         raise InputError(
@@ -55,6 +61,10 @@ def unit_length(device: Device, muscle_ratio: float, pressure: float) -> float:
 def check_supply_pressure(device: Device, pressures_bar: Iterable[float]) -> None:
     """Raise InputError unless the supply takes pressure commands and reaches all ``pressures_bar``."""
     check_accepts_pressure(device, "the protocol")
+    if device.spec.supply is None and any(pressures_bar):
+        raise InputError(
+            f"the protocol sets pressures, but '{device.name}' has no [supply]; allowed: pressures_bar = [0]"
+        )
     max_bar = device.parameters.supply.max_pressure / BAR
     for pressure in pressures_bar:
         if pressure > max_bar:

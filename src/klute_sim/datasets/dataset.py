@@ -96,10 +96,11 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     trials: list[Trial] = []
     for plan in plans:
         files = tuple(folder / name for name in plan.entry.files)
-        channels = read_trial(files, file.rig, plan.mapping)
+        channels = read_trial(files, file.rig, plan.mapping, has_supply=device.spec.supply is not None)
         for file_digest in channels.digests:
             digest.update(bytes.fromhex(file_digest))
         trials.append(plan.build_trial(files, channels, source))
+        _check_supply(trials[-1], source)
         contents.append(channels)
     unmapped_remarks = _check_unmapped([channels.unmapped for channels in contents])
     fit_trials = [trial for trial in trials if trial.name in split.fit]
@@ -200,6 +201,17 @@ def split_dataset(dataset: Dataset) -> Split:
     return assign_uses(
         (SplitEntry(t.name, t.group, t.use) for t in dataset.trials), str(dataset.folder / DATASET_FILE_NAME)
     )
+
+
+def _check_supply(trial: Trial, source: str) -> None:
+    """Raise InputError where ``trial`` has pressures, but its device has no supply."""
+    if trial.device.spec.supply is not None:
+        return
+    if "pressure" in trial.measured or trial.prescribed["pressure_command"].value.any():
+        raise InputError(
+            f"{source}, trial '{trial.name}': there are pressures, but device '{trial.device.name}' has no [supply]; "
+            "add it to the device file, or remove the columns 'pressure' and 'pressure_command'"
+        )
 
 
 def _validate_trusted(names: Sequence[str], measured: Mapping[str, TimeSeries], source: str) -> frozenset[str]:

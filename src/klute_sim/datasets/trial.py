@@ -20,6 +20,8 @@ from klute_sim.types import Array
 Use = Literal["fit", "validation", "test"]
 """Use of a trial: fit parameters, select effects, or evaluate the final model."""
 
+COMMAND_CHANNEL = "pressure_command"
+"""Prescribed channel that a device without a supply does not need."""
 MIN_SAMPLES = 10
 """Minimum number of samples of a channel, not counting missing ones."""
 
@@ -92,8 +94,12 @@ class TrialChannels(NamedTuple):
     """Measured channel of the dataset's ``[columns]`` that the trial lacks -> reason."""
 
 
-def read_trial(files: Sequence[Path], rig: Rig, mapping: ColumnMapping = NO_MAPPING) -> TrialChannels:
+def read_trial(
+    files: Sequence[Path], rig: Rig, mapping: ColumnMapping = NO_MAPPING, *, has_supply: bool = True
+) -> TrialChannels:
     """Read and check the ``files`` of one trial on ``rig``, with the expressions of ``mapping``.
+
+    Without a supply of the device, a trial without a command has the command 0.
 
     Raises InputError for anything that is wrong with them.
     """
@@ -120,9 +126,12 @@ def read_trial(files: Sequence[Path], rig: Rig, mapping: ColumnMapping = NO_MAPP
     unmapped = mapping.check_found({*columns, TIME_COLUMN}, tables, rig)
     if unmapped and not any(channel in columns for channel in channels.MEASURED_CHANNELS[rig]):
         raise InputError(next(iter(unmapped.values())))
+    units = {channel: column.file.units[column.name] for channel, column in columns.items()}
+    if not has_supply and COMMAND_CHANNEL not in columns and columns:
+        columns[COMMAND_CHANNEL] = _make_zero_column(next(iter(columns.values())))
+        units[COMMAND_CHANNEL] = channels.PRESCRIBED_CHANNELS[rig][COMMAND_CHANNEL]
     prescribed, measured = _assign_roles(rig, columns, [str(path) for path in files])
     _check_overlap(columns)
-    units = {channel: column.file.units[column.name] for channel, column in columns.items()}
     units[TIME_COLUMN] = next(iter(columns.values())).file.units[TIME_COLUMN]
     digests = tuple(file.digest for file in tables)
     return TrialChannels(prescribed, measured, digests, tuple(remarks), units, unmapped)
@@ -138,6 +147,11 @@ class _Column(NamedTuple):
     @property
     def location(self) -> str:
         return f"trial file {self.file.source}: column '{self.file.headings[self.name]}'"
+
+
+def _make_zero_column(column: _Column) -> _Column:
+    """Return the command of a device without a supply, at the times of another ``column``."""
+    return column._replace(series=column.series._replace(value=np.zeros(len(column.series.time))))
 
 
 def _extract_time(file: Table) -> Array:

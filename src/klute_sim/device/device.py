@@ -15,12 +15,13 @@ from klute_sim.device.schema.document import (
     Damper,
     DeviceSpec,
     Mounting,
-    Muscle,
     PublishedMeasurement,
     Tendon,
     parse_device_spec,
 )
 from klute_sim.device.schema.foot import RIGID_FOOT, FootSection, parse_foot_name
+from klute_sim.device.schema.muscle import Muscle
+from klute_sim.device.schema.parts import Cylinder
 from klute_sim.device.schema.supply import Chamber, Leak, Line, Supply, Tank, Valve
 from klute_sim.errors import InputError, suggest
 from klute_sim.files.limits import DEVICE
@@ -41,6 +42,8 @@ MAX_INTEGER = 10**300
 class Device:
     """A muscle-tendon unit: muscle, damper, tendon, supply and effects, as a device file describes them.
 
+    A device without a muscle is a cylinder, a tendon or a foot alone.
+
     :func:`load_device` loads a preset or a file; the constructor builds a device from sections.
     """
 
@@ -55,8 +58,9 @@ class Device:
     def __init__(
         self,
         *,
-        muscle: Muscle,
-        supply: Supply,
+        muscle: Muscle | None = None,
+        supply: Supply | None = None,
+        cylinder: Cylinder | None = None,
         name: str = "device",
         description: str = "",
         damper: Damper | None = None,
@@ -80,7 +84,8 @@ class Device:
         Raises InputError when sections do not fit together.
         """
         sections = {
-            **{"muscle": muscle, "damper": damper, "tendon": tendon, "supply": supply, "valve": valve, "line": line},
+            **{"muscle": muscle, "cylinder": cylinder, "damper": damper, "tendon": tendon, "supply": supply},
+            **{"valve": valve, "line": line},
             **{"chamber": chamber, "tank": tank, "leak": leak, "mounting": mounting, "foot": foot},
         }
         content: dict[str, Any] = {"name": name, "description": description}

@@ -194,7 +194,8 @@ def find_limitations(experiments: Sequence[Experiment]) -> list[str]:
             f"The length changes by at most {1e3 * length_range:.2f} mm within a trial: effects that depend on speed "
             "are hardly visible."
         )
-    if pressure_range < MIN_PRESSURE_RANGE:
+    has_supply = any(e.device.spec.supply is not None for e in experiments)
+    if has_supply and pressure_range < MIN_PRESSURE_RANGE:
         limitations.append(
             f"The pressure changes by at most {pressure_range / 1e5:.2f} bar within a trial: effects of the supply are "
             "hardly visible."

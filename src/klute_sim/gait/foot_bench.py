@@ -15,7 +15,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from klute_sim.device.device import Device
+from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device
 from klute_sim.errors import InputError
 from klute_sim.gait.body import BUMPER_TENDON, PROSTHESIS_PREFIX
 from klute_sim.gait.foot_section import (
@@ -88,6 +88,11 @@ def press_foot(
     section = device.spec.foot
     if part == "forefoot" and (section is None or section.get_forefoot() is None):
         raise InputError(f"the keel of device '{device.name}' is rigid; allowed: a [foot] with a forefoot stiffness")
+    if device.spec.muscle is None:
+        # The ankle is held, so that any muscle does.
+        holder = load_device(DEFAULT_DEVICE)
+        parts = {"foot": section, "effects": device.spec.effects}
+        device = holder.with_spec(holder.spec.model_copy(update=parts))
     test = TESTS[part]
     period = test.cycle_time if cycle_time is None else cycle_time
     model = build_gait_model(

@@ -18,7 +18,7 @@ class MuscleParameters(NamedTuple):
     """Parameters of ``n_actuators`` equal McKibben actuators in parallel."""
 
     n_actuators: float
-    """Number of actuators [1]."""
+    """Number of actuators [1]; 0 without a muscle (:func:`make_absent_muscle`)."""
     resting_length: float
     """L0, unloaded and unpressurised length [m]; the muscle's longest length."""
     braid_length: float
@@ -37,6 +37,26 @@ class MuscleParameters(NamedTuple):
     """m, friction offset per pressure, per actuator [N/Pa]."""
     friction_offset: float
     """b, friction offset at zero pressure, per actuator, signed as printed [N]."""
+
+
+def make_absent_muscle(longest: float, shortest: float) -> MuscleParameters:
+    """Return the parameters of a device without a muscle, whose moving end has stops at two lengths [m].
+
+    No actuators pull with no force and hold no gas. ``longest`` is the stop at resting length, ``shortest`` that at
+    lock length; both are 0 where nothing moves.
+    """
+    return MuscleParameters(
+        n_actuators=0.0,
+        resting_length=longest,
+        braid_length=math.sqrt(3.0) * shortest,
+        braid_turns=1.0,
+        bladder_radius=0.0,
+        bladder_thickness=0.0,
+        c10=0.0,
+        c01=0.0,
+        friction_slope=0.0,
+        friction_offset=0.0,
+    )
 
 
 def lock_length(muscle: MuscleParameters) -> float:
@@ -117,6 +137,8 @@ def bladder_energy(muscle: MuscleParameters, length: float) -> float:
 
     Incompressible Mooney-Rivlin rubber that follows the braid; zero at L0.
     """
+    if muscle.n_actuators == 0.0:
+        return 0.0
     a, q, _ = _bladder_stretches(muscle, length)
     i1 = a + q + 1.0 / (a * q)
     i2 = a * q + 1.0 / a + 1.0 / q
@@ -130,6 +152,8 @@ def bladder_force(muscle: MuscleParameters, length: float) -> float:
     Zero at L0 and negative below it: the bladder resists contraction and re-extends a slack muscle. It
     derives from a potential and is therefore never clipped.
     """
+    if muscle.n_actuators == 0.0:
+        return 0.0
     a, q, k = _bladder_stretches(muscle, length)
     # dI/d(lambda_1^2) at fixed lambda_2, and dI/d(lambda_2^2) at fixed lambda_1
     i1_a = 1.0 - 1.0 / (a * a * q)

@@ -37,6 +37,8 @@ RANGES: Mapping[str, NumberRange] = MappingProxyType(
         "muscle.c01_kpa": NumberRange(1.5, 5000.0, RUBBER),
         "muscle.friction_slope_n_per_bar": NumberRange(0.01, 400.0, "the dissertation's muscles have 18 to 57"),
         "muscle.friction_offset_n": NumberRange(0.01, 1500.0, "the dissertation's muscles have 3 to 110"),
+        "cylinder.extended_length_mm": NumberRange(10.0, 3000.0, "a syringe to an excavator (assumed)"),
+        "cylinder.stroke_mm": NumberRange(2.0, 1500.0, "a syringe to an excavator (assumed)"),
         "damper.bore_mm": NumberRange(3.0, 200.0, "a needle to a press (assumed)"),
         "damper.orifice_concentric_mm": NumberRange(0.1, 50.0, "a watch drill to a hose (assumed)"),
         "damper.orifice_eccentric_mm": NumberRange(0.1, 50.0, "a watch drill to a hose (assumed)"),
@@ -156,15 +158,15 @@ def _list_possible_units(key: str, value: float, limits: NumberRange) -> list[st
 def _check_relations(values: Mapping[str, float], place: str) -> list[Finding]:
     """Return what is implausible in numbers that are plausible alone, but not together."""
     findings = []
-    length, radius = values["muscle.resting_length_mm"], values["muscle.bladder_radius_mm"]
-    if length < MIN_SLENDERNESS * 2.0 * radius:
+    length, radius = values.get("muscle.resting_length_mm"), values.get("muscle.bladder_radius_mm")
+    if length is not None and radius is not None and length < MIN_SLENDERNESS * 2.0 * radius:
         statement = (
             f"muscle.resting_length_mm = {length:g}, but the muscle is {2.0 * radius:g} mm thick, and muscles are at "
             f"least {MIN_SLENDERNESS:g} times as long as thick: is it in cm or in? Convert it into mm"
         )
         findings.append(Finding("muscle.resting_length_mm", place, statement))
-    tank, supply = values.get("tank.pressure_bar"), values["supply.pressure_bar"]
-    if tank is not None and tank < supply:
+    tank, supply = values.get("tank.pressure_bar"), values.get("supply.pressure_bar")
+    if tank is not None and supply is not None and tank < supply:
         statement = (
             f"tank.pressure_bar = {tank:g}, but the regulator behind the tank delivers {supply:g} bar: is it in MPa? "
             "Convert it into bar"

@@ -27,6 +27,9 @@ CLAMPED_MAX_LENGTH_RATIO = 0.99
 """Maximum length of a bare muscle over its resting length; the margin covers the position error of the tester."""
 MAX_STROKE = 0.035
 """Maximum stroke of all excitations [m]."""
+TENDON_STRETCH_RATIO, DEFAULT_TENDON_STRETCH = 2.0, 0.01
+"""Largest stretch of a tendon alone, over the stretch at which its second spring engages, and [m] where the second
+spring engages at once (assumed: both springs pull in half of the stroke)."""
 MIN_STROKE = 0.001
 """Minimum stroke of all excitations [m]; a shorter stroke reveals nothing."""
 
@@ -56,16 +59,24 @@ class OperatingLimits(NamedTuple):
 
 
 def compute_limits(device: Device) -> OperatingLimits:
-    """Return the operating limits of ``device``; raise InputError when its muscle can hardly contract."""
+    """Return the operating limits of ``device``; raise InputError when its muscle can hardly contract.
+
+    A cylinder moves as a muscle would, and a tendon alone is stretched.
+    """
     muscle, tendon = device.parameters.muscle, device.parameters.tendon
     supply_pressure = device.parameters.supply.max_pressure
     resting_length = muscle.resting_length
+    if resting_length == 0.0 and not tendon.is_rigid:
+        stretch = min(TENDON_STRETCH_RATIO * tendon.engagement_stretch or DEFAULT_TENDON_STRETCH, MAX_STROKE)
+        return OperatingLimits(tendon.slack_length, tendon.slack_length + stretch, 0.0, 0.0, 0.0, 0.0)
     stroke_ratio = CLAMPED_STROKE_RATIO if tendon.is_rigid else STROKE_RATIO
     stroke = min(stroke_ratio * resting_length, 0.4 * (resting_length - lock_length(muscle)), MAX_STROKE)
     if stroke < MIN_STROKE:
+        has_muscle = device.spec.muscle is not None
+        stop, longest = ("its muscle locks", "resting length") if has_muscle else ("its stop is", "extended length")
         raise InputError(
-            f"device '{device.name}' cannot be tested: its muscle locks "
-            f"{1e3 * (resting_length - lock_length(muscle)):.2g} mm below its resting length; allowed: "
+            f"device '{device.name}' cannot be tested: {stop} "
+            f"{1e3 * (resting_length - lock_length(muscle)):.2g} mm below its {longest}; allowed: "
             f"{1e3 * MIN_STROKE / 0.4:.2g} mm or more"
         )
     max_length = tendon.slack_length + (CLAMPED_MAX_LENGTH_RATIO if tendon.is_rigid else 1.0) * resting_length

@@ -133,7 +133,7 @@ class IsokineticProtocol(PressureProtocol):
         series = {
             "force_n": recording["force"],
             "unit_length_mm": recording["length"],
-            "muscle_ratio_reached": recording["muscle_length"] / resting_length,
+            **({"muscle_ratio_reached": recording["muscle_length"] / resting_length} if resting_length else {}),
             "velocity_reached_mm_per_s": compute_shortening_velocity(recording, "length"),
             "muscle_velocity_mm_per_s": compute_shortening_velocity(recording, "muscle_length"),
         }

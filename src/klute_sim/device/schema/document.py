@@ -14,6 +14,8 @@ from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.schema import effects as schema_effects
 from klute_sim.device.schema import supply as schema_supply
 from klute_sim.device.schema.foot import RIGID_FOOT, SHOE_ASSUMPTIONS, FootSection, expand_foot
+from klute_sim.device.schema.muscle import Muscle
+from klute_sim.device.schema.parts import Cylinder, check_parts, explain_missing_part
 from klute_sim.device.schema.section import DeviceFileSection, NonNegative, Positive
 from klute_sim.device.schema.supply import (
     Chamber,
@@ -29,97 +31,10 @@ from klute_sim.files.toml import validation_sentence
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben
 from klute_sim.laws.damper import DamperParameters
-from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.laws.tendon import TendonParameters
-
-MAX_RADIUS_MISMATCH = 0.05
-"""Maximum relative difference of the radius that braid and turns imply from the bladder radius (Table 3.1: 2.6 %)."""
-
-MIN_GAS_FRACTION = 0.01
-"""Minimum share of gas in the braid's volume at rest, where it is smallest (assumed: a bore of a tenth the width)."""
 
 MAX_BORE_TO_ORIFICE_RATIO = 1000
 """Maximum ratio of bore to orifice; beyond it the damper locks (the muscle creeps micrometres in a stride)."""
-
-
-RubberConstant = Annotated[FiniteFloat, Field(ge=0, le=1e5)]
-"""Mooney-Rivlin constant [kPa]; rubber has tens to thousands, and 1e5 is stiffer than any."""
-
-
-class Muscle(DeviceFileSection):
-    """``count`` equal McKibben actuators side by side."""
-
-    count: Annotated[int, Field(ge=1, le=100)] = 1
-    """Number of actuators in parallel."""
-    resting_length_mm: Annotated[FiniteFloat, Field(ge=20, le=2000)]
-    """Resting length L0 of the actuator."""
-    braid_length_ratio: Annotated[FiniteFloat, Field(ge=1.001, lt=math.sqrt(3.0))]
-    """Braid length over resting length, B/L0; at 1 the braid cannot wind, at sqrt(3) it is locked at rest."""
-    turns_per_m: Positive
-    """Turns of a braid thread per metre of resting length, N/L0."""
-    bladder_radius_mm: Annotated[FiniteFloat, Field(ge=0.05, le=500)]
-    """Outer bladder radius R0 at rest."""
-    bladder_thickness_mm: Annotated[FiniteFloat, Field(ge=0.01, le=500)]
-    """Bladder wall thickness t0 at rest; the rubber takes its volume from the air."""
-    c10_kpa: RubberConstant
-    """First Mooney-Rivlin constant of the bladder."""
-    c01_kpa: RubberConstant
-    """Second Mooney-Rivlin constant of the bladder."""
-    friction_slope_n_per_bar: Annotated[FiniteFloat, Field(ge=-1e4, le=1e4)]
-    """Slope m of the friction offset over pressure, per actuator."""
-    friction_offset_n: Annotated[FiniteFloat, Field(ge=-1e5, le=1e5)]
-    """Friction offset b at zero pressure, per actuator, with the sign of the dissertation."""
-    bladder: bool = True
-    """Whether the bladder term acts; False gives the geometric model."""
-    friction: bool = True
-    """Whether the friction offset acts."""
-
-    @model_validator(mode="after")
-    def _check_bladder_fits_braid(self) -> Self:
-        if self.bladder_thickness_mm >= self.bladder_radius_mm:
-            raise PydanticCustomError(
-                "wall",
-                "bladder_thickness_mm is {t} but must be less than bladder_radius_mm, {r}",
-                {"t": self.bladder_thickness_mm, "r": self.bladder_radius_mm},
-            )
-        ratio = self.braid_length_ratio
-        braid_radius = 1e3 * mckibben.compute_braid_radius(ratio, 1.0, self.turns_per_m)
-        if abs(braid_radius / self.bladder_radius_mm - 1.0) > MAX_RADIUS_MISMATCH:
-            raise PydanticCustomError(
-                "radius",
-                "bladder_radius_mm is {r} but braid_length_ratio and turns_per_m imply a radius of "
-                "{b} mm; the two must agree within 5 %",
-                {"r": self.bladder_radius_mm, "b": f"{braid_radius:.2f}"},
-            )
-        inner_radius = self.bladder_radius_mm - self.bladder_thickness_mm
-        rubber_fraction = (self.bladder_radius_mm**2 - inner_radius**2) / braid_radius**2
-        if 1.0 - rubber_fraction < MIN_GAS_FRACTION:
-            max_thickness = self.bladder_radius_mm - math.sqrt(
-                max(self.bladder_radius_mm**2 - (1.0 - MIN_GAS_FRACTION) * braid_radius**2, 0.0)
-            )
-            raise PydanticCustomError(
-                "wall",
-                "bladder_thickness_mm is {t}, so that rubber fills the braid at resting length and leaves no room for "
-                "air; allowed: at most {max} mm with this braid and bladder_radius_mm",
-                {"t": self.bladder_thickness_mm, "max": f"{math.floor(1e3 * max_thickness) / 1e3:g}"},
-            )
-        return self
-
-    def to_parameters(self) -> MuscleParameters:
-        """Return the parameters of the law in SI units."""
-        length = self.get_si("resting_length_mm")
-        return MuscleParameters(
-            n_actuators=float(self.count),
-            resting_length=length,
-            braid_length=self.braid_length_ratio * length,
-            braid_turns=self.turns_per_m * length,
-            bladder_radius=self.get_si("bladder_radius_mm"),
-            bladder_thickness=self.get_si("bladder_thickness_mm"),
-            c10=self.get_si("c10_kpa") if self.bladder else 0.0,
-            c01=self.get_si("c01_kpa") if self.bladder else 0.0,
-            friction_slope=self.get_si("friction_slope_n_per_bar") if self.friction else 0.0,
-            friction_offset=self.get_si("friction_offset_n") if self.friction else 0.0,
-        )
 
 
 class Damper(DeviceFileSection):
@@ -232,14 +147,16 @@ class DeviceSpec(DeviceFileSection):
     """Description for the reader; the model does not use it."""
     accept: list[str] = Field(default=[])
     """Numbers (``section.key``) that are right although they are implausible."""
-    muscle: Muscle
-    """Muscle: one or more actuators."""
+    muscle: Muscle | None = None
+    """Muscle: one or more actuators; None: a cylinder, a tendon or a foot without a muscle."""
+    cylinder: Cylinder | None = None
+    """Cylinder in place of the muscle; None: the muscle, or a part without one."""
     damper: Damper | None = None
-    """Damper in parallel with the muscle; None: no damper."""
+    """Damper in parallel with the muscle or in the cylinder; None: no damper."""
     tendon: Tendon | None = None
     """Tendon in series; None: a rigid tie of length 0 (a bare muscle on a tester)."""
-    supply: Supply
-    """Pressure regulator."""
+    supply: Supply | None = None
+    """Pressure regulator; None: a device without a muscle that is vented."""
     valve: Valve | None = None
     """Valve between regulator and muscle; None: the flow is not limited."""
     line: Line | None = None
@@ -260,6 +177,11 @@ class DeviceSpec(DeviceFileSection):
     """Published measurements of the device."""
     sources: dict[str, str] = Field(default_factory=dict)
     """``section.key`` -> source of the number; begins with 'assumed' where no source is published."""
+
+    @model_validator(mode="after")
+    def _check_parts(self) -> Self:
+        check_parts(self.list_sections())
+        return self
 
     @model_validator(mode="after")
     def _check_pneumatic_sections(self) -> Self:
@@ -309,11 +231,14 @@ class DeviceSpec(DeviceFileSection):
 
     def can_add_effect(self, effect: Effect) -> bool:
         """Return whether ``effect`` can be added to this device, which does not have it yet."""
-        is_built_in = effect.replaces_switch and getattr(self.muscle, effect.replaces_switch)
+        is_built_in = effect.replaces_switch and getattr(self.muscle, effect.replaces_switch, False)
         return effect.name not in self.effects and not is_built_in and not self.find_incompatibility(effect.name)
 
     def find_incompatibility(self, effect_name: str) -> str:
         """Return why ``effect_name`` contradicts the sections of this device, or ''."""
+        missing_part = explain_missing_part(effect_name, self.list_sections())
+        if missing_part:
+            return missing_part
         title = SECTION_OF_EFFECT.get(effect_name, "")
         if title and getattr(self, title) is not None:
             return f"[effects.{effect_name}] and [{title}] describe the same cause; remove one of them"
@@ -322,10 +247,16 @@ class DeviceSpec(DeviceFileSection):
             return f"[effects.{effect_name}] needs pressure commands, but this [valve] has command = 'opening'"
         return ""
 
+    def list_sections(self) -> list[str]:
+        """Return the names of the sections of the file that describe parts and their use."""
+        titles = ("muscle", "cylinder", "damper", "tendon", *PNEUMATIC_SECTIONS, "mounting", "foot")
+        present = [title for title in titles if getattr(self, title) is not None]
+        return [*present, "published"] if self.published else present
+
     def collect_values(self) -> dict[str, float]:
         """Return all numbers of the device: ``section.key`` -> value in the unit of the key."""
         numbers: dict[str, float] = {}
-        for title in ("muscle", "damper", "tendon", *PNEUMATIC_SECTIONS, "mounting", "foot"):
+        for title in ("muscle", "cylinder", "damper", "tendon", *PNEUMATIC_SECTIONS, "mounting", "foot"):
             section = getattr(self, title)
             if section is not None:
                 values = section.model_dump(exclude_none=True)
@@ -351,8 +282,9 @@ class DeviceSpec(DeviceFileSection):
 
     def to_parameters(self) -> DeviceParameters:
         """Return the parameters in SI units, with neutral values for missing sections."""
+        moving_part = self.muscle or self.cylinder
         return DeviceParameters(
-            muscle=self.muscle.to_parameters(),
+            muscle=moving_part.to_parameters() if moving_part else mckibben.make_absent_muscle(0.0, 0.0),
             damper=self.damper.to_parameters() if self.damper else DamperParameters(0.0, 0.0),
             tendon=self.tendon.to_parameters() if self.tendon else TendonParameters(0.0, 0.0, 0.0, 0.0, is_rigid=True),
             supply=schema_supply.build_supply(*(getattr(self, title) for title in PNEUMATIC_SECTIONS)),

@@ -11,6 +11,9 @@ from klute_sim.laws import valve as valve_law
 from klute_sim.laws.pneumatics import ZERO_CELSIUS, SupplyParameters
 from klute_sim.laws.valve import Restriction
 
+ROOM_TEMPERATURE = 20.0 + ZERO_CELSIUS
+"""Temperature of the air of a device without a supply [K] (assumed; the air is at rest and does nothing)."""
+
 CriticalRatio = Annotated[FiniteFloat, Field(ge=0.0, lt=0.99)]
 
 
@@ -108,14 +111,16 @@ class Leak(DeviceFileSection):
 
 
 def build_supply(
-    supply: Supply,
+    supply: Supply | None,
     valve: Valve | None,
     line: Line | None,
     chamber: Chamber | None,
     tank: Tank | None,
     leak: Leak | None,
 ) -> SupplyParameters:
-    """Return the parameters of the supply in SI units."""
+    """Return the parameters of the supply in SI units; without a ``supply``, everything is vented."""
+    if supply is None:
+        return SupplyParameters(max_pressure=0.0, max_pressure_rate=0.0, temperature=ROOM_TEMPERATURE)
     parameters = SupplyParameters(
         max_pressure=supply.get_si("pressure_bar"),
         max_pressure_rate=supply.get_si("rate_bar_per_s"),

@@ -7,8 +7,8 @@ leaves room for air; no number leaves the range of the device file.
 import math
 from collections.abc import Mapping
 
-from klute_sim.device.schema.document import MAX_RADIUS_MISMATCH, MIN_GAS_FRACTION
 from klute_sim.device.schema.limits import find_limits
+from klute_sim.device.schema.muscle import MAX_RADIUS_MISMATCH, MIN_GAS_FRACTION
 from klute_sim.laws import mckibben
 
 RELATION_MARGIN = 0.02

@@ -58,8 +58,8 @@ PLAUSIBLE_ERRORS = {
 def list_error_candidates(spec: DeviceSpec, uncertain_keys: frozenset[str]) -> dict[str, float]:
     """Return ``section.key`` -> plausible error [unit of the key] of each number that may be wrong.
 
-    ``uncertain_keys`` are fitted anyway. Counts cannot be a little wrong, zeros mean that a part is absent, and the
-    numbers of the foot have effects of their own.
+    ``uncertain_keys`` are fitted anyway. Counts cannot be a little wrong, zeros mean that a part is absent, the numbers
+    of the foot have effects of their own, and those of a cylinder are its stops.
     """
     return {
         key: compute_plausible_error(key, value)
@@ -67,7 +67,7 @@ def list_error_candidates(spec: DeviceSpec, uncertain_keys: frozenset[str]) -> d
         if key not in uncertain_keys
         and isinstance(value, float)
         and value != 0.0
-        and not key.startswith(("foot.", "effects."))
+        and not key.startswith(("foot.", "effects.", "cylinder."))
     }
 
 

@@ -122,7 +122,7 @@ def remove_base_effect(device: Device, effect: Effect) -> Device:
     incompatibility = device.spec.find_incompatibility(effect.name)
     if incompatibility:
         raise InputError(f"effect '{effect.name}' cannot be tested on device '{device.name}': {incompatibility}")
-    if not effect.replaces_switch:
+    if not effect.replaces_switch or device.spec.muscle is None:
         return device
     muscle = device.spec.muscle.model_copy(update={effect.replaces_switch: False})
     return device.with_spec(device.spec.model_copy(update={"muscle": muscle}))

@@ -68,13 +68,12 @@ def round_program(program: Program) -> Program:
     return Program(np.round(program.time, 6), length, np.floor(0.1 * program.command + 1e-3) * 10.0)
 
 
-def command_columns(program: Program) -> dict[str, Array]:
-    """Return the columns of the command file of ``program``."""
-    return {
-        "time [s]": program.time,
-        "length [mm]": np.round(1e3 * program.unit_length, 4),
-        "pressure_command [bar]": np.round(1e-5 * program.command, 4),
-    }
+def command_columns(device: Device, program: Program) -> dict[str, Array]:
+    """Return the columns of the command file of ``program``; a ``device`` without a supply needs no pressures."""
+    columns = {"time [s]": program.time, "length [mm]": np.round(1e3 * program.unit_length, 4)}
+    if device.spec.supply is None:
+        return columns
+    return {**columns, "pressure_command [bar]": np.round(1e-5 * program.command, 4)}
 
 
 def simulate_recording(device: Device, program: Program, seed: Sequence[int]) -> dict[str, Array]:
@@ -94,11 +93,13 @@ def simulate_recording(device: Device, program: Program, seed: Sequence[int]) ->
     force = np.interp(time, [0.0, *grid], [initial_tension, *rollout.tension])
     pressure = np.interp(time, [0.0, *grid], [state.pressure, *rollout.pressure]) / BAR
     rng = np.random.default_rng(seed)
-    return {
-        **command_columns(program),
+    columns = {
+        **command_columns(device, program),
         "force [N]": np.round(force + rng.normal(0.0, FORCE_NOISE_N, len(time)), 3),
-        "pressure [bar]": np.round(pressure + rng.normal(0.0, PRESSURE_NOISE_BAR, len(time)), 5),
     }
+    if device.spec.supply is None:
+        return columns
+    return {**columns, "pressure [bar]": np.round(pressure + rng.normal(0.0, PRESSURE_NOISE_BAR, len(time)), 5)}
 
 
 def write_plan_files(
@@ -112,7 +113,7 @@ def write_plan_files(
 ) -> None:
     """Write the command files, device.toml, dataset.toml and README.txt; with ``simulate`` also recordings."""
     for index, (protocol, program) in enumerate(zip(protocols, programs, strict=True)):
-        write_trial(folder / f"{protocol.name}.csv", command_columns(program))
+        write_trial(folder / f"{protocol.name}.csv", command_columns(device, program))
         if simulate:
             for repeat, file in enumerate(list_recording_files(protocol, n_repeats)):
                 write_trial(folder / file, simulate_recording(device, program, (index, repeat)))
@@ -129,7 +130,10 @@ def format_dataset_toml(
 ) -> str:
     """Return the content of dataset.toml with the trials to record."""
     values, muscle = device.spec.collect_values(), device.spec.muscle
-    is_off = {"muscle.c10_kpa": not muscle.bladder, "muscle.friction_slope_n_per_bar": not muscle.friction}
+    is_off = {
+        "muscle.c10_kpa": not (muscle and muscle.bladder),
+        "muscle.friction_slope_n_per_bar": not (muscle and muscle.friction),
+    }
     uncertain = {
         key: deviation for key, deviation in DEFAULT_UNCERTAINTIES.items() if values.get(key) and not is_off.get(key)
     }
@@ -201,6 +205,8 @@ Give a trial from another rig its own group, and describe the difference under [
 
 Then run, in this folder: klute-sim diagnose .
 """
+PRESSURE_LINES = ("   pressure_command [bar]", "   pressure [bar]")
+"""Beginnings of the lines of README.txt that a device without a supply does not need."""
 BARE_MUSCLE_NOTE = """
 6. This device has no tendon: the clamps hold the muscle itself. At short lengths and low pressures it pushes (negative
    force). The clamps must take that, and the muscle must not buckle; if it does, empty the force cells in those rows
@@ -218,6 +224,7 @@ def format_readme(
 ) -> str:
     """Return the content of README.txt: instructions for the measurements."""
     is_rigid = device.parameters.tendon.is_rigid
+    moving_part = "muscle" if device.spec.muscle else "cylinder" if device.spec.cylinder else "clamp"
     lines = []
     for protocol, program in zip(protocols, programs, strict=True):
         files = list_recording_files(protocol, n_repeats)
@@ -229,11 +236,11 @@ def format_readme(
     lengths = [program.unit_length for program in programs]
     pressures = [program.command for program in programs]
     title = f"Measurements of '{device.name}' on a tensile tester"
-    return README_TEMPLATE.format(
+    readme = README_TEMPLATE.format(
         note=f"{SIMULATED_NOTE.removeprefix('# ')}\n\n" if simulated else "",
         device=device.name,
         line="=" * len(title),
-        length="of the muscle, clamp to clamp" if is_rigid else "of the whole unit, muscle and tendon",
+        length=f"of the {moving_part}, clamp to clamp" if is_rigid else f"of the whole unit, {moving_part} and tendon",
         ranges=(
             f"All lengths are between {1e3 * min(x.min() for x in lengths):.1f} and "
             f"{1e3 * max(x.max() for x in lengths):.1f} mm, all pressures between "
@@ -243,5 +250,8 @@ def format_readme(
         acceleration=max(np.abs(np.diff(length, 2)).max() for length in lengths) / SAMPLE_INTERVAL**2,
         repeats=n_repeats,
         protocols="\n".join(lines),
-        bare=BARE_MUSCLE_NOTE if is_rigid else "",
+        bare=BARE_MUSCLE_NOTE if is_rigid and device.spec.muscle else "",
     )
+    if device.spec.supply is not None:
+        return readme
+    return "".join(line for line in readme.splitlines(keepends=True) if not line.startswith(PRESSURE_LINES))

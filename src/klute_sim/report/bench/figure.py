@@ -98,7 +98,9 @@ def _plot_isokinetic(result: BenchResult) -> Figure:
     absolute, normalised = figure.subplots(1, 2)
     key = "muscle_ratio" if "muscle_ratio" in result.trials[0].conditions else "unit_length_mm"
     length_label = "muscle at {:g} of rest" if key == "muscle_ratio" else "unit at {:g} mm"
-    resting_length = 1e3 * result.device.parameters.muscle.resting_length
+    has_muscle = result.device.spec.muscle is not None
+    length_unit = 1e3 * result.device.parameters.muscle.resting_length if has_muscle else 1.0
+    speed_unit = "resting lengths of the muscle / s" if has_muscle else "mm/s"
     groups = _group_trials(result.trials, "pressure_bar", key)
     colours, lengths = _get_pressure_colours(result.trials), sorted({length for _, length in groups})
     for k, ((bar, length), trials) in enumerate(groups.items()):
@@ -114,12 +116,12 @@ def _plot_isokinetic(result: BenchResult) -> Figure:
         # Concentric rings keep coinciding curves visible.
         ring: Any = {"markersize": 3.0 + 9.0 * (1.0 - (k + 1) / len(groups)), "markerfacecolor": "none"}
         normalised.plot(
-            velocity / resting_length, _get_values(trials, "force_ratio"), **{**style, **ring, "linewidth": 1.0}
+            velocity / length_unit, _get_values(trials, "force_ratio"), **{**style, **ring, "linewidth": 1.0}
         )
     _set_labels(absolute, "shortening velocity of the unit [mm/s]", "force [N]", "force-velocity")
     _set_labels(
         normalised,
-        "shortening velocity of the unit [resting lengths of the muscle / s]",
+        f"shortening velocity of the unit [{speed_unit}]",
         "force / isometric force at that length",
         "normalised",
     )

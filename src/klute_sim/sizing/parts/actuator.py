@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from klute_sim.device.device import load_device
-from klute_sim.device.schema.document import Muscle
+from klute_sim.device.schema.muscle import Muscle
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
 from klute_sim.laws.mckibben import MuscleParameters
@@ -23,7 +23,9 @@ MIN_TESTED_SLENDERNESS = 14.0
 @cache
 def load_muscle_section(preset: str) -> Muscle:
     """Return the muscle section of an actuator preset of Table 3.1."""
-    return load_device(preset).spec.muscle
+    muscle = load_device(preset).spec.muscle
+    assert muscle is not None, f"preset {preset} is an actuator"
+    return muscle
 
 
 def build_muscle(preset: str, count: int, resting_length: float) -> MuscleParameters:
