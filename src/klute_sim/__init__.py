@@ -16,6 +16,7 @@ from klute_sim.envs.registration import register_environments as _register
 __version__ = "0.1.0"
 
 _MODULES = {
+    "klute_sim.api.adaptation": ("AdaptationResult", "adapt_walker"),
     "klute_sim.api.assessment": ("Assessment", "assess"),
     "klute_sim.api.baselines": ("BaselineTable", "simulate_baselines"),
     "klute_sim.api.bench": ("BenchRun", "simulate_bench"),
@@ -36,6 +37,7 @@ _MODULES = {
     "klute_sim.api.sweep": ("SweepResult", "sweep"),
     "klute_sim.api.training": ("TrainingResult", "train"),
     "klute_sim.api.tuning": ("TuningResult", "tune"),
+    "klute_sim.api.walk": ("WalkRun", "simulate_walk"),
     "klute_sim.datasets.dataset": ("Dataset",),
     "klute_sim.device.device": ("Device", "list_presets", "load_device"),
     "klute_sim.device.schema.document": ("Damper", "Tendon"),

@@ -19,6 +19,7 @@ from klute_sim.errors import InputError, KluteSimError, make_printable, suggest
 
 COMMANDS = {
     "gait": ("klute_sim.cli.gait", "Simulate gait with the prosthesis on the gait rig."),
+    "walk": ("klute_sim.cli.walk", "Simulate a person who walks by muscles and reflexes."),
     "sweep": (
         "klute_sim.cli.sweep",
         "Simulate every combination of devices, controllers, subjects, speeds and slopes.",

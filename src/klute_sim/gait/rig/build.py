@@ -57,12 +57,12 @@ def build_gait_model(
     scale = stature / MODEL_STATURE
     _scale_limbs(spec, scale, mass)
     spec.frame("socket_end").quat = np.array([math.cos(0.5 * alignment), 0.0, -math.sin(0.5 * alignment), 0.0])
-    spec.site(PROSTHESIS_PREFIX + "achilles_origin").pos = _compute_achilles_origin(device, spec, scale)
+    spec.site(PROSTHESIS_PREFIX + "achilles_origin").pos = compute_achilles_origin(device, spec, scale)
     parameters = device.parameters
     if spring_foot is not None:
         spring_foot.apply_to_joint(spec.joint(PROSTHESIS_PREFIX + "ankle"))
         parameters = disable_tendon(parameters)
-    _apply_foot(spec, device)
+    apply_device_foot(spec, device)
     if model_edit is not None:
         model_edit(spec)
     return models.attach_devices(spec, {PROSTHESIS_PREFIX + "muscle_tendon": parameters})
@@ -89,7 +89,11 @@ def _scale_limbs(spec: mujoco.MjSpec, scale: float, mass: float) -> None:
             geom.size = np.asarray(geom.size) * scale
 
 
-def _compute_achilles_origin(device: Device, spec: mujoco.MjSpec, scale: float) -> Array:
+def compute_achilles_origin(device: Device, spec: mujoco.MjSpec, scale: float) -> Array:
+    """Return the origin (3,) of the Achilles tendon on the pylon [m] at which the device has its mounting length.
+
+    Raises InputError when the device file has no tendon or mounting, or the device is longer than the shank.
+    """
     if device.spec.tendon is None or device.spec.mounting is None:
         missing = "[tendon]" if device.spec.tendon is None else "[mounting]"
         pair = f"{device.name}-pair"
@@ -112,7 +116,7 @@ def _compute_achilles_origin(device: Device, spec: mujoco.MjSpec, scale: float) 
     return origin
 
 
-def _apply_foot(spec: mujoco.MjSpec, device: Device) -> None:
+def apply_device_foot(spec: mujoco.MjSpec, device: Device) -> None:
     """Apply the foot and, on top of it, the body effects of the device file.
 
     Their numbers belong to the stature and mass of the MJCF file.

@@ -1,0 +1,260 @@
+"""``klute-sim walk`` and its subcommands."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from klute_sim.cli import common
+
+
+class PushType(click.ParamType[tuple[float, float]]):
+    """An impulse and a phase, such as ``10@40``."""
+
+    name = "push"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        """Return impulse [N*s] and phase [%]."""
+        if isinstance(value, tuple):
+            return value
+        impulse, _, phase = str(value).partition("@")
+        try:
+            return float(impulse), float(phase or 0.0)
+        except ValueError:
+            self.fail(
+                f"'{value}' is no push; write the impulse in N·s, @, and the phase in %, such as 10@40", param, ctx
+            )
+
+
+def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of prosthesis and controller; the command receives them under the keywords of the public API."""
+    options = (
+        click.option(
+            "--device",
+            default=None,
+            metavar="NAME|FILE",
+            help="Device: name of a preset, or a device file.  [default: klute-1-1-4-pair]",
+        ),
+        click.option(
+            "--controller",
+            default=None,
+            metavar="SPEC",
+            help="Pressure controller: machine (state machine that uses the sensors of the prosthesis), profile "
+            "(pressure over the phase that the load cell tells), off, constant:BAR, or a file (.csv, .toml, .npz).  "
+            "[default: machine]",
+        ),
+        click.option(
+            "--spring-foot",
+            type=common.NumberWithUnit("N·m/deg"),
+            default=None,
+            metavar="STIFFNESS",
+            help="Stiffness [N·m/deg] of a passive foot, which replaces --device; prosthetic feet have 3 to 15.  "
+            "[default: no passive foot]",
+        ),
+        click.option("--intact", is_flag=True, help="Walk on two legs of flesh, without a prosthesis."),
+        common.FOOT_OPTION,
+        click.option(
+            "--align",
+            "alignment",
+            type=common.NumberWithUnit("degrees"),
+            default=None,
+            metavar="DEG",
+            help="Angle by which the prosthesis is turned against the limb [deg], dorsiflexion positive.  [default: "
+            "that of the device file, or 0]",
+        ),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+@click.group("walk", invoke_without_command=True)
+@condition_options
+@click.option(
+    "--walker",
+    default=None,
+    metavar="NAME|FILE",
+    help="Walker: name of a shipped one (klute-sim walk list), or the file of one.  [default: one that has adapted to "
+    "this prosthesis and controller, or to the nearest]",
+)
+@click.option(
+    "--seconds",
+    type=common.NumberWithUnit("s"),
+    default=20.0,
+    show_default=True,
+    metavar="S",
+    help="Duration [s]; a fall ends the walk earlier.",
+)
+@click.option(
+    "--push",
+    type=PushType(),
+    default=None,
+    metavar="NS@PCT",
+    help="Push on the hip within 0.1 s: impulse [N·s], forward positive, and phase of the right leg's stride [%], in "
+    "the first stride after 5 s.  [default: no push]",
+)
+@click.option(
+    "--uneven",
+    type=common.NumberWithUnit("mm"),
+    default=0.0,
+    show_default=True,
+    metavar="MM",
+    help="Largest height of the blocks of 0.5 m that lie on the ground [mm].",
+)
+@common.slope_option("Ground slope [deg], uphill positive.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Random seed of uneven ground."
+)
+@click.option(
+    "--step",
+    "step_ms",
+    type=common.NumberWithUnit("ms"),
+    default=1.0,
+    show_default=True,
+    metavar="MS",
+    help="Time step [ms].",
+)
+@click.option(
+    "--backend",
+    type=click.Choice(["auto", "compiled", "python"]),
+    default="auto",
+    show_default=True,
+    help="Implementation of walker and device: compiled code or plain Python; both give identical numbers. auto: "
+    "compiled code if possible.",
+)
+@common.out_option("walk", "the walk")
+@click.option("--csv", "with_csv", is_flag=True, help="Also write recording.csv.")
+@common.json_option()
+@click.pass_context
+def command(
+    context: click.Context,
+    /,
+    step_ms: float,
+    out: Path | None,
+    with_csv: bool,
+    as_json: bool,
+    **walk: Any,
+) -> None:
+    """Simulate a person who walks by muscles and reflexes.
+
+    A planar model of 7 segments and 14 muscles (75 kg, 1.75 m) walks on two legs, or on one and a prosthesis. Nothing
+    prescribes its motion or its load: speed, steps, ground reactions, joint angles, metabolic cost and falls are
+    predictions. The reflexes come from a walker file, which was adapted to one prosthesis and controller. With another
+    one the walk is acute: it shows what happens before the person adapts.
+
+    Writes recording.parquet, summary.json, report.png, walker.toml and, with a device, device.toml.
+
+    \b
+    Examples:
+      klute-sim walk
+      klute-sim walk --intact --seconds 60
+      klute-sim walk --controller off
+      klute-sim walk --push 10@40 --uneven 5
+      klute-sim walk --spring-foot 8 --json | python -m json.tool
+      klute-sim walk list
+      klute-sim walk adapt --controller constant:3 --evaluations 4000
+    """
+    if context.invoked_subcommand is not None:
+        return
+    from klute_sim.api.rendering import print_summary
+    from klute_sim.api.walk import simulate_walk
+    from klute_sim.cli.console import progress_bar, stderr_console, stdout_console
+    from klute_sim.recording.run_folder import create_run_folder
+
+    with create_run_folder("walk", out) as (folder, scratch):
+        with progress_bar("walking") as progress:
+            run = simulate_walk(time_step=1e-3 * step_ms, progress=progress, **walk)
+        with progress_bar("writing") as progress:
+            summary = run.write_files(scratch, folder, with_csv=with_csv, progress=progress)
+    if as_json:
+        click.echo(json.dumps(summary, indent=2, allow_nan=False))
+    else:
+        console = stdout_console()
+        print_summary(console, run.format_summary())
+        console.print(f"Run folder: {folder}  ({', '.join(summary['files'])})", soft_wrap=True)
+    for sentence in run.warnings:
+        stderr_console().print(sentence, soft_wrap=True)
+
+
+@command.command("list")
+def list_command() -> None:
+    """List the shipped walkers: condition, seed, cost and evaluations of their search."""
+    from klute_sim.api.walk import build_walker_table
+    from klute_sim.cli.console import stdout_console
+
+    stdout_console().print(build_walker_table())
+
+
+@command.command("adapt")
+@condition_options
+@click.option(
+    "--start",
+    default=None,
+    metavar="NAME|FILE",
+    help="Walker from which the search starts.  [default: the shipped one that is nearest to the condition]",
+)
+@click.option(
+    "--speed",
+    type=common.NumberWithUnit("m/s"),
+    default=1.25,
+    show_default=True,
+    metavar="M/S",
+    help="Speed that the walker should reach [m/s].",
+)
+@click.option(
+    "--evaluations",
+    type=click.IntRange(1, 1_000_000),
+    default=4000,
+    show_default=True,
+    metavar="N",
+    help="Number of walks, rounded up to whole generations of the search.",
+)
+@click.option(
+    "--sigma",
+    type=common.NumberWithUnit(),
+    default=0.5,
+    show_default=True,
+    metavar="X",
+    help="Initial standard deviation of the search, in the widths of the gains.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Random seed of search and ground.",
+)
+@common.jobs_option("Number of threads; 0: one per core.  [default: 0]")
+@common.resumable_out_option("adapt", "the search")
+@common.json_option()
+def adapt_command(jobs: int, out: Path | None, as_json: bool, **adaptation: Any) -> None:
+    """Adapt the reflexes of a walker to a prosthesis and a controller, or to two legs of flesh.
+
+    The search method is CMA-ES. A walk of 18 s costs its metabolic energy per distance and its deviation from the
+    speed, plus penalties for squared activations, load above 1.2 body weights, knees on their stops, dorsiflexion in
+    swing and a leaning trunk. Its last part leads over blocks of up to 10 mm, with a push of 5 N·s on the way; a fall
+    costs more than any walk. The best walker is accepted if it walks three times as long on level ground.
+
+    Writes walker.toml (for walk --walker), adaptation.json and costs.csv; the same command resumes an interrupted
+    search, also with more --evaluations. Needs the optional extra 'tune'.
+
+    \b
+    Examples:
+      klute-sim walk adapt --spring-foot 6 --evaluations 4000 --out soft-foot
+      klute-sim walk --spring-foot 6 --walker soft-foot/walker.toml
+    """
+    from klute_sim.api.adaptation import adapt_walker
+    from klute_sim.api.rendering import print_summary
+    from klute_sim.cli.console import progress_bar, stdout_console
+
+    with progress_bar("adapting") as progress:
+        result = adapt_walker(folder=out, n_jobs=jobs, progress=progress, **adaptation)
+    if as_json:
+        click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
+        return
+    console = stdout_console()
+    print_summary(console, result.format_summary())
+    console.print(f"Folder: {result.folder}  ({', '.join(result.summary['files'])})", soft_wrap=True)

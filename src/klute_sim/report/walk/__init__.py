@@ -1,0 +1,1 @@
+"""Reports of predicted walks: table, remarks and figure."""

@@ -1,0 +1,1 @@
+"""Adaptation of reflexes to a condition: objective and search."""
