@@ -4,9 +4,12 @@ import base64
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.provenance import collect_versions
 from klute_sim.report.diagnosis import page
 from klute_sim.report.diagnosis import text as words
@@ -143,6 +146,33 @@ def test_equivalent_models_are_listed_with_their_bic_difference(diagnosis: Diagn
     assert row[:3] == [name, "braid hysteresis (Coulomb)", "worse by 2.2"]
     assert words.format_number(fit.values[-1]) in row[3]
     assert 'id="equivalent-models"' not in page.render_page(diagnosis, {})
+
+
+def test_wrong_number_and_rejected_models_are_shown(diagnosis: Diagnosis) -> None:
+    final, base = diagnosis.final_fit, diagnosis.base_fit
+    assert final is not None
+    assert base is not None
+    number = EffectTerm("number_error", "value", number="muscle.bladder_radius_mm")
+    wrong = replace(final, hypothesis=replace(final.hypothesis, terms=(number,)))
+    models = [
+        PredictiveModel(wrong, np.array([0.2, 0.2]), np.tile(final.x, (2, 1))),
+        PredictiveModel(final, np.array([0.5, 0.5]), np.tile(final.x, (2, 1)), "it is at its bound"),
+        PredictiveModel(base, np.ones(2), np.tile(base.x, (2, 1))),
+    ]
+    result = PredictiveResult(models[2], models[0], [], models, {number: 1.0}, 0.8, "condition", 2)
+    html = page.render_page(
+        replace(diagnosis, verdict="identified-in-part", final_fit=wrong, added_terms=(number,), prediction=result),
+        {},
+    )
+    assert "bladder radius of the muscle" in text_of(html)
+    assert "Number of the device file: muscle.bladder_radius_mm" in text_of(html)
+    assert rows_of(html, "prediction")[1:] == [
+        ["bladder radius of the muscle", "20 %", ""],
+        ["braid hysteresis (Coulomb)", "50 %", "it is at its bound"],
+        ["no added effect", "100 %", ""],
+    ]
+    reason = "The squared error of prediction changes by -50 %; it is at its bound."
+    assert ["braid hysteresis (Coulomb)", reason] in rows_of(html, "rejections")
 
 
 def test_next_experiment_is_recommended(diagnosis: Diagnosis, html: str) -> None:

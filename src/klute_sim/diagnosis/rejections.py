@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import SelectionStep
+from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 
 Identity = tuple[str, str | None, str | None]
 """Effect, channel and number of a term."""
@@ -23,8 +24,8 @@ class Rejection:
 def list_rejections(diagnosis: Diagnosis) -> list[Rejection]:
     """Return every candidate that is not in the final model, the most promising first.
 
-    A candidate has the reason of the last step of the selection in which it was considered. Of several forms of an
-    effect, the one counts that came furthest.
+    A candidate has the reason of the last step of the selection in which it was considered, or of the selection by
+    prediction, which decides after it. Of several forms of an effect, the one counts that came furthest.
     """
     added = {term.identity for term in diagnosis.added_terms}
     equivalent = {model.fit.hypothesis.terms[-1].identity for model in diagnosis.equivalent_models}
@@ -35,6 +36,8 @@ def list_rejections(diagnosis: Diagnosis) -> list[Rejection]:
         if step.added_term is not None:
             reason = "effects that were added later explain the same, so it was removed again"
             rejections[step.added_term.identity] = Rejection(step.added_term, reason)
+    if diagnosis.prediction is not None:
+        rejections |= _explain_prediction(diagnosis.prediction)
     for key in equivalent & rejections.keys():
         reason = "it explains the data as well as the added effect (see alternatives)"
         rejections[key] = Rejection(rejections[key].term, reason)
@@ -59,4 +62,18 @@ def _explain_step(step: SelectionStep, n_independent: float) -> dict[Identity, R
             f"{max(candidate.predicted_gain, 0.0):.1f}"
         )
         rejections.setdefault(candidate.term.identity, Rejection(candidate.term, reason))
+    return rejections
+
+
+def _explain_prediction(prediction: PredictiveResult) -> dict[Identity, Rejection]:
+    """Return the rejection of each term of the models that predict left-out data, by the best model that has it."""
+    rejections: dict[Identity, Rejection] = {}
+    for model in prediction.models:
+        change = 100.0 * (model.error / prediction.base.error - 1.0)
+        outcome = f"the squared error of prediction changes by {change:+.0f} %"
+        for term in model.terms:
+            others = " and ".join(str(other) for other in model.terms if other != term)
+            reason = f"with {others} {outcome}" if others else outcome
+            reason += f"; {model.obstacle}" if model.obstacle else "; the chosen model predicts as well or better"
+            rejections.setdefault(term.identity, Rejection(term, reason))
     return rejections

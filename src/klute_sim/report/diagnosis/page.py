@@ -12,7 +12,9 @@ from klute_sim.datasets.channels import MEASURED_CHANNELS
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.imperfect_law import FOLD_WORDS
 from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS, estimate_misfit
+from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import MAX_EFFECTS
 from klute_sim.diagnosis.selection.sparse_regression import format_formula
@@ -95,6 +97,10 @@ def build_page_context(diagnosis: Diagnosis) -> dict[str, Any]:
         "split": _build_split_rows(d),
         "split_description": d.split.description,
         "steps": [_build_step_entry(d, index) for index in range(len(d.selection_history))],
+        "prediction": _build_prediction_entry(d),
+        "rejections": [
+            {"name": words.format_term(r.term), "reason": words.format_sentence(r.reason)} for r in list_rejections(d)
+        ],
         "device_parameters": _build_device_parameter_rows(d),
         "device_effects": [words.humanize_identifier(name) for name in device.spec.effects],
         "limitations": _list_limitations(d),
@@ -134,6 +140,7 @@ def _build_effect_entry(diagnosis: Diagnosis, term: EffectTerm) -> dict[str, Any
         "name": words.format_term(term),
         "mark": marks[term.effect_definition.data_driven] if diagnosis.verdict == "unexplained" else "",
         "identifier": term.effect,
+        "number": term.number or "",
         "form": term.form,
         "sentence": term.effect_definition.description,
         "equation": format_formula(diagnosis.final_fit)
@@ -262,6 +269,26 @@ def _build_step_entry(diagnosis: Diagnosis, index: int) -> dict[str, Any]:
             for bar in bars
         ],
         "gains": [(group, f"{100.0 * gain:.1f} %") for group, gain in step.validation_gains.items()],
+    }
+
+
+def _build_prediction_entry(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """Return the models that were judged by the prediction of left-out data, best first; None without them."""
+    prediction = diagnosis.prediction
+    if prediction is None:
+        return None
+    return {
+        "left_out": FOLD_WORDS[prediction.fold_kind],
+        "folds": prediction.n_folds,
+        "models": [
+            {
+                "name": words.join_words([words.format_term(term) for term in model.terms]) or "no added effect",
+                "error": f"{100.0 * model.error / prediction.base.error:.0f} %",
+                "note": words.humanize_text(model.obstacle),
+                "chosen": model is prediction.chosen,
+            }
+            for model in prediction.models
+        ],
     }
 
 
