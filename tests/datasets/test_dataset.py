@@ -132,7 +132,7 @@ def load_error(folder: Path) -> str:
     [
         ("dataset/2", "dataset/3", "format = 'klute-sim-dataset/3' is refused; allowed: 'klute-sim-dataset/2'"),
         ('format = "klute-sim-dataset/2"\n', "", "key 'format' is missing; allowed: 'klute-sim-dataset/2'"),
-        ('rig = "bench"', 'rig = "bank"', "rig = 'bank' is refused; allowed: 'bench' or 'gait'"),
+        ('rig = "bench"', 'rig = "bank"', "rig = 'bank' is refused; allowed: 'bench', 'gait' or 'mjcf'"),
         (
             'rig = "bench"',
             'rigg = "bench"',

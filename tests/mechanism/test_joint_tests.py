@@ -7,9 +7,9 @@ from klute_sim.api.joint import JointRun, simulate_joint
 from klute_sim.device.device import load_device
 from klute_sim.errors import InputError
 from klute_sim.mechanism import metrics
-from klute_sim.mechanism.model_file import MODEL_NAMES, load_model_file
 from klute_sim.mechanism.mounting import _measure_lengths, mount_devices
 from klute_sim.mechanism.protocols import MULTISINE_PERIOD, REST_TIME, TESTS, ProtocolSettings, plan_test
+from klute_sim.plant.mjcf.model_file import MODEL_NAMES, load_model_file
 
 SETTINGS = ProtocolSettings(2.5e5, 1e5, -2.0)
 STEP = 2e-3

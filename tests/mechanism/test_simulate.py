@@ -14,10 +14,10 @@ from klute_sim.device.energy.ledger import POWER_TERMS
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.mechanism.assembly import Mechanism
-from klute_sim.mechanism.model_file import load_model_file
 from klute_sim.mechanism.record import compute_device_energy, record_mechanism
 from klute_sim.mechanism.simulate import MechanismRollout, simulate_mechanism
 from klute_sim.plant.actuator import DeviceActuator
+from klute_sim.plant.mjcf.model_file import load_model_file
 from klute_sim.types import Array
 
 PAIR = load_device("klute-3-4-pair")

@@ -13,6 +13,7 @@ from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.dataset import Dataset
 from klute_sim.device.device import Device, check_accepts_pressure
+from klute_sim.diagnosis.mechanism_files import build_mechanism_files
 from klute_sim.diagnosis.planning import measurement_plan
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions, Verdict
 from klute_sim.diagnosis.transfer import TransferPrediction, predict_dataset
@@ -156,6 +157,8 @@ class DiagnosisResult:
         diagnosis = self.diagnosis
         if diagnosis.fitted_device is not None:
             (folder / DEVICE_FILE_NAME).write_bytes(diagnosis.fitted_device.content)
+        for name, content in build_mechanism_files(diagnosis).items():
+            (folder / name).write_bytes(content)
         (folder / "verdict.json").write_text(json.dumps(self.to_dict(), indent=2) + "\n", "utf-8")
         if not report:
             return

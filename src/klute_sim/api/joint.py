@@ -11,11 +11,11 @@ from klute_sim.api.inputs import DeviceLike, ignore_progress, to_device
 from klute_sim.api.optional import import_pandas
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.errors import InputError, suggest
-from klute_sim.mechanism.model_file import load_model_file
-from klute_sim.mechanism.model_numbers import collect_model_numbers, set_model_numbers
 from klute_sim.mechanism.mounting import mount_devices
 from klute_sim.mechanism.protocols import ProtocolSettings
 from klute_sim.mechanism.run import JointTestResult, run_joint_test
+from klute_sim.plant.mjcf.model_file import load_model_file
+from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.recording.run_folder import create_run_folder

@@ -173,8 +173,8 @@ def _list_tests(*, as_json: bool) -> None:
 
 
 def _list_numbers(model: str | Path, *, as_json: bool) -> None:
-    from klute_sim.mechanism.model_file import load_model_file
-    from klute_sim.mechanism.model_numbers import collect_model_numbers
+    from klute_sim.plant.mjcf.model_file import load_model_file
+    from klute_sim.plant.mjcf.model_numbers import collect_model_numbers
 
     numbers = collect_model_numbers(load_model_file(model).make_spec())
     if as_json:

@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from klute_sim.datasets import unit_conversion
-from klute_sim.datasets.channels import TIME_COLUMN, Rig, get_column_units
+from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, MechanismChannels, get_column_units
+from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.datasets.trial import Trial
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import compute_muscle_force
@@ -25,11 +26,13 @@ from klute_sim.plausibility.samples import Samples
 from klute_sim.types import Array
 
 
-def find_implausible(rig: Rig, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]) -> list[Finding]:
+def find_implausible(rig: ChannelSource, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]) -> list[Finding]:
     """Return what is implausible in ``trials``; ``units`` holds the units in the headings of each.
 
     Of a device that is commanded by valve opening, only the motion and the loads of gait trials are examined.
     """
+    if isinstance(rig, MechanismChannels):
+        return _find_implausible_devices(rig, trials, units)
     rows = [
         (trial, trial_units)
         for trial, trial_units in zip(trials, units, strict=True)
@@ -44,6 +47,34 @@ def find_implausible(rig: Rig, trials: Sequence[Trial], units: Sequence[Mapping[
     for device_trial in device_trials:
         codes, trial_without_codes = check_missing_value_codes(device_trial)
         findings += [*codes, *check_device_channels(trial_without_codes)]
+    return findings
+
+
+def _find_implausible_devices(
+    channels: MechanismChannels, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]
+) -> list[Finding]:
+    """Return what is implausible in the channels of each device of a mechanism."""
+    findings: list[Finding] = []
+    for trial, trial_units in zip(trials, units, strict=True):
+        samples = collect_samples(trial, trial_units, channels)
+        series = {**trial.prescribed, **trial.measured}
+        time_unit = trial_units[TIME_COLUMN]
+        for tendon, device in trial.devices.items():
+            names = {name: f"{name}_{normalize_name(tendon)}" for name in SI_UNITS if name != "length"}
+            device_channels = {
+                name: Channel(series[own].time, samples[own]._replace(channel=name))
+                for name, own in names.items()
+                if own in samples
+            }
+            device_trial = RecordedTrial(
+                name=f"{trial.name}, {tendon}",
+                channels=device_channels,
+                limits=compute_device_limits(device),
+                simulate=_build_simulation(device),
+                time_unit=(time_unit, unit_conversion.get_si_factor(time_unit, "s") or 1.0),
+            )
+            codes, trial_without_codes = check_missing_value_codes(device_trial)
+            findings += [*codes, *check_device_channels(trial_without_codes)]
     return findings
 
 
@@ -69,7 +100,7 @@ def find_implausible_changes(trials: Sequence[Trial], changes: Sequence[Mapping[
     ]
 
 
-def collect_samples(trial: Trial, units: Mapping[str, str], rig: Rig) -> dict[str, Samples]:
+def collect_samples(trial: Trial, units: Mapping[str, str], rig: ChannelSource) -> dict[str, Samples]:
     """Return the channels of ``trial`` with the ``units`` in their headings."""
     si_units = get_column_units(rig)
     series = {**trial.prescribed, **trial.measured}
@@ -80,7 +111,7 @@ def collect_samples(trial: Trial, units: Mapping[str, str], rig: Rig) -> dict[st
     }
 
 
-def _describe_trial(trial: Trial, units: Mapping[str, str], rig: Rig) -> RecordedTrial:
+def _describe_trial(trial: Trial, units: Mapping[str, str], rig: ChannelSource) -> RecordedTrial:
     """Return the channels of ``trial`` that belong to its device, with the limits and a simulation of that device."""
     samples = collect_samples(trial, units, rig)
     series = {**trial.prescribed, **trial.measured}

@@ -3,7 +3,13 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from klute_sim.datasets.channels import MEASURED_CHANNELS, TIME_COLUMN, Rig, get_column_units, resolve_channel
+from klute_sim.datasets.channels import (
+    TIME_COLUMN,
+    ChannelSource,
+    get_column_units,
+    get_measured_units,
+    resolve_channel,
+)
 from klute_sim.datasets.trial_files.expressions import Expression, parse_expression
 from klute_sim.datasets.trial_files.table import Table
 from klute_sim.errors import InputError, suggest
@@ -28,7 +34,7 @@ class ColumnMapping:
             if expression.columns or is_first or channel == TIME_COLUMN
         }
 
-    def check_found(self, channels: Collection[str], tables: Sequence[Table], rig: Rig) -> dict[str, str]:
+    def check_found(self, channels: Collection[str], tables: Sequence[Table], rig: ChannelSource) -> dict[str, str]:
         """Return the measured channels that are not among the ``channels`` of the ``tables``, with the reason.
 
         Only channels that the dataset maps for all trials may be missing: a trial need not measure them. Raises
@@ -42,7 +48,7 @@ class ColumnMapping:
             reason = next((table.missing[name] for table in tables if name in table.missing), "")
             sources = " + ".join(table.source for table in tables)
             sentence = f"trial {sources}: {expression.label} = '{expression.text}' cannot be computed: {reason}"
-            if name not in self.shared or name not in MEASURED_CHANNELS[rig]:
+            if name not in self.shared or name not in get_measured_units(rig):
                 raise InputError(sentence)
             unmapped[name] = sentence
         return unmapped
@@ -55,7 +61,7 @@ NO_MAPPING = ColumnMapping()
 def parse_mapping(
     dataset_columns: Mapping[str, str],
     trial_columns: Mapping[str, str],
-    rig: Rig,
+    rig: ChannelSource,
     source: str,
     trial_source: str,
     heading_row: int | None = None,
@@ -73,7 +79,7 @@ def parse_mapping(
     return ColumnMapping(expressions, frozenset(shared), heading_row)
 
 
-def _parse(name: str, text: str, rig: Rig, table: str, source: str) -> Expression:
+def _parse(name: str, text: str, rig: ChannelSource, table: str, source: str) -> Expression:
     units = get_column_units(rig)
     if name not in units:
         hint = f"allowed: {', '.join(units)}"

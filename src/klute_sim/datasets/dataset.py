@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 from klute_sim.datasets import checks, declarations
 from klute_sim.datasets import format as file_format
-from klute_sim.datasets.channels import TENSION_CHANNELS, Rig
+from klute_sim.datasets.channels import TENSION_CHANNELS, ChannelSource, RigName
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
 from klute_sim.datasets.format import DatasetFile, TrialEntry
+from klute_sim.datasets.mechanism import DatasetMechanism, check_model_numbers, load_dataset_mechanism
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses
 from klute_sim.datasets.trial import SensorLimits, TimeSeries, Trial, TrialChannels, read_trial
 from klute_sim.device import device as device_files
@@ -33,12 +34,12 @@ class Dataset:
 
     folder: Path
     """Folder of the dataset."""
-    rig: Rig
+    rig: RigName
     """Rig that all trials were recorded on."""
     device: Device
     """Nominal device; a trial may change its values."""
     uncertainties: Mapping[str, float]
-    """``section.key`` of the device -> standard deviation in the key's own unit."""
+    """``section.key`` of the device, or name of a number of the mechanism -> standard deviation in the key's unit."""
     trials: tuple[Trial, ...]
     """Trials in the order of the file."""
     digest: str
@@ -49,6 +50,22 @@ class Dataset:
     """Implausible properties of the trials that the user accepts."""
     tolerance: Mapping[str, float] = field(default_factory=dict)
     """Measured channel -> misfit [SI] below which a difference does not matter to the user."""
+    mechanism: DatasetMechanism | None = None
+    """Model and devices; None unless the rig is an MJCF model."""
+
+    @property
+    def channel_source(self) -> ChannelSource:
+        """Where the channels of the trials follow from."""
+        if self.mechanism is not None:
+            return self.mechanism.channels
+        assert self.rig != "mjcf"
+        return self.rig
+
+    @property
+    def nominal_numbers(self) -> dict[str, float]:
+        """Uncertain numbers that are not those of the dataset's device: name -> nominal value."""
+        known = {} if self.mechanism is None else self.mechanism.collect_nominal_numbers()
+        return {name: known[name] for name in self.uncertainties if name in known}
 
     def __repr__(self) -> str:
         """Return folder, rig, device and number of trials on one line."""
@@ -87,16 +104,25 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     source = str(folder / DATASET_FILE_NAME)
     file = file_format.parse_dataset_file(content, source)
     device = device or _load_device(file.device, folder)
-    uncertainties = file_format.compute_standard_deviations(file.uncertain, device.spec.collect_values(), source)
-    plans = _plan_trials(file, device, source)
+    mechanism = load_dataset_mechanism(file, folder, device, source)
+    known_values: dict[str, float] = dict(device.spec.collect_values())
+    if mechanism is not None:
+        known_values |= mechanism.collect_nominal_numbers()
+    uncertainties = file_format.compute_standard_deviations(file.uncertain, known_values, source)
+    channel_source = _get_channel_source(file, mechanism)
+    plans = _plan_trials(file, device, mechanism, channel_source, source)
     split = assign_uses([plan.split_entry for plan in plans], source)  # rejects an impossible split before large files
 
     digest = hashlib.sha256(hashlib.sha256(content).digest() + bytes.fromhex(device.digest))
+    if mechanism is not None:
+        for part_digest in (mechanism.file.digest, *(each.digest for each in mechanism.devices.values())):
+            digest.update(bytes.fromhex(part_digest))
     contents: list[TrialChannels] = []
     trials: list[Trial] = []
     for plan in plans:
         files = tuple(folder / name for name in plan.entry.files)
-        channels = read_trial(files, file.rig, plan.mapping, has_supply=device.spec.supply is not None)
+        has_supply = mechanism is not None or device.spec.supply is not None
+        channels = read_trial(files, channel_source, plan.mapping, has_supply=has_supply)
         for file_digest in channels.digests:
             digest.update(bytes.fromhex(file_digest))
         trials.append(plan.build_trial(files, channels, source))
@@ -104,10 +130,10 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         contents.append(channels)
     unmapped_remarks = _check_unmapped([channels.unmapped for channels in contents])
     fit_trials = [trial for trial in trials if trial.name in split.fit]
-    tolerance = declarations.compute_tolerances(file.tolerance, file.rig, fit_trials, f"{source}: [tolerance]")
+    tolerance = declarations.compute_tolerances(file.tolerance, channel_source, fit_trials, f"{source}: [tolerance]")
     findings = [
         *checks.find_implausible_changes(trials, [entry.device for entry in file.trial]),
-        *checks.find_implausible(file.rig, trials, [channels.units for channels in contents]),
+        *checks.find_implausible(channel_source, trials, [channels.units for channels in contents]),
     ]
     accepted = require_accepted(findings, {*file.accept, *accept})
     for trial in trials:  # after the checks, which name the unit that a long duration seems to be in
@@ -128,7 +154,15 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         ),
         accepted=accepted,
         tolerance=tolerance,
+        mechanism=mechanism,
     )
+
+
+def _get_channel_source(file: DatasetFile, mechanism: DatasetMechanism | None) -> ChannelSource:
+    if mechanism is not None:
+        return mechanism.channels
+    assert file.rig != "mjcf"
+    return file.rig
 
 
 class _TrialPlan(NamedTuple):
@@ -146,6 +180,10 @@ class _TrialPlan(NamedTuple):
     """Measured channel -> limits of its sensor [SI]."""
     mapping: ColumnMapping
     """Expressions for its channels."""
+    devices: Mapping[str, Device]
+    """Tendon -> device with the changes of the trial."""
+    model_numbers: Mapping[str, float]
+    """Numbers of the model that differ from its file."""
 
     def build_trial(self, files: tuple[Path, ...], channels: TrialChannels, source: str) -> Trial:
         """Return the trial with the ``channels`` of its ``files``."""
@@ -162,10 +200,14 @@ class _TrialPlan(NamedTuple):
             specimen=self.entry.specimen or "",
             input_noise=self.input_noise,
             limits={channel: limits for channel, limits in self.limits.items() if channel in channels.measured},
+            devices=self.devices,
+            model_numbers=self.model_numbers,
         )
 
 
-def _plan_trials(file: DatasetFile, device: Device, source: str) -> list[_TrialPlan]:
+def _plan_trials(
+    file: DatasetFile, device: Device, mechanism: DatasetMechanism | None, channels: ChannelSource, source: str
+) -> list[_TrialPlan]:
     names = _name_trials(file, source)
     entries = [SplitEntry(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)]
     specimens = [entry.specimen or "" for entry in file.trial]
@@ -174,18 +216,31 @@ def _plan_trials(file: DatasetFile, device: Device, source: str) -> list[_TrialP
     for entry, split_entry in zip(file.trial, entries, strict=True):
         place = f"{source}, trial '{split_entry.name}'"
         noise = {
-            **declarations.parse_input_noise(file.noise, file.rig, f"{source}: [noise]"),
-            **declarations.parse_input_noise(entry.noise, file.rig, f"{place}: [trial.noise]"),
+            **declarations.parse_input_noise(file.noise, channels, f"{source}: [noise]"),
+            **declarations.parse_input_noise(entry.noise, channels, f"{place}: [trial.noise]"),
         }
         limits = {
-            **declarations.parse_limits(file.limits, file.rig, f"{source}: [limits]"),
-            **declarations.parse_limits(entry.limits, file.rig, f"{place}: [trial.limits]"),
+            **declarations.parse_limits(file.limits, channels, f"{source}: [limits]"),
+            **declarations.parse_limits(entry.limits, channels, f"{place}: [trial.limits]"),
         }
         heading_row = entry.heading_row or file.heading_row
-        mapping = parse_mapping(file.columns, entry.columns, file.rig, source, place, heading_row)
+        mapping = parse_mapping(file.columns, entry.columns, channels, source, place, heading_row)
         changed_device = device.with_changes(entry.device, place)
-        plans.append(_TrialPlan(entry, split_entry, changed_device, noise, limits, mapping))
+        devices: dict[str, Device] = {}
+        if mechanism is not None:
+            devices = {name: each.with_changes(entry.device, place) for name, each in mechanism.devices.items()}
+        numbers = _collect_model_numbers(entry, mechanism, place)
+        plans.append(_TrialPlan(entry, split_entry, changed_device, noise, limits, mapping, devices, numbers))
     return plans
+
+
+def _collect_model_numbers(entry: TrialEntry, mechanism: DatasetMechanism | None, place: str) -> dict[str, float]:
+    if mechanism is None:
+        if entry.numbers:
+            raise InputError(f"{place}: [trial.numbers] is for rig = 'mjcf'; remove it, or change the rig")
+        return {}
+    changes = check_model_numbers(entry.numbers, mechanism.model_values, f"{place}: [trial.numbers]")
+    return {**mechanism.numbers, **changes}
 
 
 def _check_unmapped(unmapped: Sequence[Mapping[str, str]]) -> list[str]:
@@ -241,7 +296,7 @@ def _collect_remarks(trials: Sequence[Trial], file_remarks: Sequence[tuple[str, 
     return list(remarks)
 
 
-def _describe_scope(trials: Sequence[Trial], rig: Rig) -> list[str]:
+def _describe_scope(trials: Sequence[Trial], rig: RigName) -> list[str]:
     """Return a remark about bench trials that show the supply only, where others show the device."""
     limited = [trial for trial in trials if TENSION_CHANNELS.isdisjoint(trial.measured)]
     if rig != "bench" or len(limited) in (0, len(trials)):
@@ -302,5 +357,5 @@ def replace_tolerances(dataset: Dataset, texts: Sequence[str]) -> Dataset:
         amounts[channel.strip()] = amount.strip()
     names = split_dataset(dataset).fit
     fit_trials = [trial for trial in dataset.trials if trial.name in names]
-    tolerances = declarations.compute_tolerances(amounts, dataset.rig, fit_trials, "the tolerance")
+    tolerances = declarations.compute_tolerances(amounts, dataset.channel_source, fit_trials, "the tolerance")
     return replace(dataset, tolerance={**dataset.tolerance, **tolerances})

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from klute_sim.datasets import unit_conversion
-from klute_sim.datasets.channels import MEASURED_CHANNELS, PRESCRIBED_CHANNELS, Rig
+from klute_sim.datasets.channels import ChannelSource, get_measured_units, get_prescribed_units
 from klute_sim.datasets.split import SplitEntry
 from klute_sim.datasets.trial import SensorLimits, Trial
 from klute_sim.errors import InputError, suggest
@@ -42,16 +42,16 @@ def _split_quantity(text: str, si_unit: str, place: str) -> tuple[float, str]:
     return number, match[2]
 
 
-def parse_input_noise(noise: Mapping[str, str], rig: Rig, place: str) -> dict[str, float]:
+def parse_input_noise(noise: Mapping[str, str], rig: ChannelSource, place: str) -> dict[str, float]:
     """Return the standard deviation [SI] of each prescribed channel in ``noise``; ``place`` names the table.
 
     Raises InputError for a channel that ``rig`` does not prescribe, and unless a deviation is a positive number with a
     unit of the channel's kind.
     """
-    units = PRESCRIBED_CHANNELS[rig]
+    units = get_prescribed_units(rig)
     deviations = {}
     for channel, text in noise.items():
-        if channel in MEASURED_CHANNELS[rig]:
+        if channel in get_measured_units(rig):
             raise InputError(
                 f"{place} names '{channel}', whose noise is estimated from repeats and residuals; allowed: the "
                 f"prescribed channels {', '.join(units)}"
@@ -65,13 +65,13 @@ def parse_input_noise(noise: Mapping[str, str], rig: Rig, place: str) -> dict[st
     return deviations
 
 
-def parse_limits(limits: Mapping[str, str], rig: Rig, place: str) -> dict[str, SensorLimits]:
+def parse_limits(limits: Mapping[str, str], rig: ChannelSource, place: str) -> dict[str, SensorLimits]:
     """Return the limits [SI] of the sensor of each measured channel in ``limits``; ``place`` names the table.
 
     Both numbers may be given (``-9 N to 445 N``) or one of them (``to 445 N``). Raises InputError for a channel that
     ``rig`` does not measure, for a number without a unit of the channel's kind, and unless the second is larger.
     """
-    units = MEASURED_CHANNELS[rig]
+    units = get_measured_units(rig)
     parsed = {}
     for channel, text in limits.items():
         _check_measured(channel, units, place)
@@ -94,7 +94,7 @@ def _check_measured(channel: str, units: Mapping[str, str], place: str) -> None:
 
 
 def compute_tolerances(
-    tolerance: Mapping[str, str], rig: Rig, fit_trials: Sequence[Trial], place: str
+    tolerance: Mapping[str, str], rig: ChannelSource, fit_trials: Sequence[Trial], place: str
 ) -> dict[str, float]:
     """Return the tolerance [SI] of each measured channel in ``tolerance``; ``place`` names the table.
 
@@ -102,7 +102,7 @@ def compute_tolerances(
     Raises InputError for a channel that ``rig`` does not measure, unless a tolerance is a positive number with a unit
     of the channel's kind or with ``%``, and for a percentage where the fit trials have no range.
     """
-    units = MEASURED_CHANNELS[rig]
+    units = get_measured_units(rig)
     tolerances = {}
     for channel, text in tolerance.items():
         _check_measured(channel, units, place)

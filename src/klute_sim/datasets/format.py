@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from klute_sim.datasets.channels import Rig
+from klute_sim.datasets.channels import RigName
+from klute_sim.datasets.mechanism_channels import MAX_CHANNELS
 from klute_sim.datasets.trial import Use
 from klute_sim.errors import InputError
 from klute_sim.files.toml import parse_toml, validation_sentence
@@ -87,6 +88,18 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
+Numbers = dict[str, Annotated[int | float, BeforeValidator(_validate_number)]]
+
+
+class DeviceEntry(_Section):
+    """One table ``[devices.TENDON]`` of ``dataset.toml``."""
+
+    device: Name | None = None
+    """Preset, or path of a device file; by default the device of the dataset."""
+    changes: Numbers = {}
+    """``section.key`` -> value in the key's unit, where this device differs."""
+
+
 class TrialEntry(_Section):
     """One table ``[[trial]]`` of ``dataset.toml``."""
 
@@ -96,8 +109,8 @@ class TrialEntry(_Section):
     """Group of repeats; by default a group of its own."""
     use: Use | None = None
     """Use of the group; by default the program splits the groups."""
-    device: dict[str, Annotated[int | float, BeforeValidator(_validate_number)]] = {}
-    """``section.key`` -> value in the key's unit, where the device of this trial differs."""
+    device: Numbers = {}
+    """``section.key`` -> value in the key's unit, where the device of this trial (on a mechanism: each) differs."""
     heading_row: HeadingRow | None = None
     """Line of the heading in the text files of this trial."""
     columns: dict[str, Name] = {}
@@ -110,6 +123,8 @@ class TrialEntry(_Section):
     """Measured channel -> limits of its sensor in this trial, with units."""
     trusted: list[Name] = []
     """Measured channels whose instrument is known to be correct in this trial, such as a calibrated load cell."""
+    numbers: Numbers = {}
+    """Numbers of the model that differ in this trial, such as a load."""
 
 
 class DatasetFile(_Section):
@@ -117,7 +132,7 @@ class DatasetFile(_Section):
 
     format: Literal["klute-sim-dataset/2"]
     """Format and version."""
-    rig: Rig
+    rig: RigName
     """Rig that all trials were recorded on."""
     device: Name
     """Preset, or path of a device file relative to the folder."""
@@ -135,13 +150,29 @@ class DatasetFile(_Section):
     """Measured channel -> misfit that does not matter, with a unit or in per cent of the channel's range."""
     accept: list[Name] = []
     """Names of findings about implausible trials that are right nevertheless."""
+    model: Name | None = None
+    """Model of the package, or path of an MJCF file relative to the folder; for ``rig = "mjcf"``."""
+    prescribed: Annotated[list[Name], Field(max_length=MAX_CHANNELS)] = []
+    """Channels that are prescribed; for ``rig = "mjcf"``."""
+    measured: Annotated[list[Name], Field(max_length=MAX_CHANNELS)] = []
+    """Channels that are measured; for ``rig = "mjcf"``."""
+    devices: dict[str, DeviceEntry] = {}
+    """Tendon -> its device; by default every tendon has the device of the dataset."""
+    numbers: Numbers = {}
+    """Numbers of the model that differ from its file."""
     trial: Annotated[list[TrialEntry], Field(min_length=1, max_length=2000)]
     """Trials."""
 
 
 _ALLOWED_VALUES: dict[str, str] = {
     "format": f"'{FORMAT_NAME}'",
-    "rig": "'bench' or 'gait'",
+    "rig": "'bench', 'gait' or 'mjcf'",
+    "model": "a model of the package, or the path of an MJCF file, as text",
+    "prescribed": "a list of channels, such as 'pressure_command_flexor'",
+    "measured": "a list of channels, such as 'angle_joint'",
+    "devices": "a table [devices.TENDON] with 'device' (a file or a preset) and 'changes' (\"section.key\" = number)",
+    "numbers": 'a table of "model.joint.elbow.damping" = number',
+    "trial.numbers": 'a table of "model.geom.load.mass" = number',
     "device": "a preset, or the path of a device file, as text",
     "uncertain": "a table of \"section.key\" = '10 %'",
     "accept": "a list of names of findings, such as 'force-unit'",

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from klute_sim.datasets import channels
-from klute_sim.datasets.channels import TIME_COLUMN, Rig
+from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, get_measured_units, get_prescribed_units
 from klute_sim.datasets.column_mapping import NO_MAPPING, ColumnMapping
 from klute_sim.datasets.trial_files import table
 from klute_sim.datasets.trial_files.column_assignment import format_columns
@@ -75,6 +75,10 @@ class Trial:
     """Prescribed channel that was measured -> standard deviation of its noise [SI]; others are known exactly."""
     limits: Mapping[str, SensorLimits] = field(default_factory=dict)
     """Measured channel -> limits of its sensor; a sample at a limit or beyond says only that the value is no nearer."""
+    devices: Mapping[str, Device] = field(default_factory=dict)
+    """Tendon -> its device with the changes of this trial; empty without a mechanism."""
+    model_numbers: Mapping[str, float] = field(default_factory=dict)
+    """Numbers of the model that differ from its file; empty without a mechanism."""
 
 
 class TrialChannels(NamedTuple):
@@ -95,7 +99,7 @@ class TrialChannels(NamedTuple):
 
 
 def read_trial(
-    files: Sequence[Path], rig: Rig, mapping: ColumnMapping = NO_MAPPING, *, has_supply: bool = True
+    files: Sequence[Path], rig: ChannelSource, mapping: ColumnMapping = NO_MAPPING, *, has_supply: bool = True
 ) -> TrialChannels:
     """Read and check the ``files`` of one trial on ``rig``, with the expressions of ``mapping``.
 
@@ -124,12 +128,12 @@ def read_trial(
             remarks.append(f"trial file {file.source}: ignored columns {format_columns(file.ignored)}")
         remarks += file.remarks
     unmapped = mapping.check_found({*columns, TIME_COLUMN}, tables, rig)
-    if unmapped and not any(channel in columns for channel in channels.MEASURED_CHANNELS[rig]):
+    if unmapped and not any(channel in columns for channel in get_measured_units(rig)):
         raise InputError(next(iter(unmapped.values())))
     units = {channel: column.file.units[column.name] for channel, column in columns.items()}
     if not has_supply and COMMAND_CHANNEL not in columns and columns:
         columns[COMMAND_CHANNEL] = _make_zero_column(next(iter(columns.values())))
-        units[COMMAND_CHANNEL] = channels.PRESCRIBED_CHANNELS[rig][COMMAND_CHANNEL]
+        units[COMMAND_CHANNEL] = get_prescribed_units(rig)[COMMAND_CHANNEL]
     prescribed, measured = _assign_roles(rig, columns, [str(path) for path in files])
     _check_overlap(columns)
     units[TIME_COLUMN] = next(iter(columns.values())).file.units[TIME_COLUMN]
@@ -201,15 +205,15 @@ def _describe_duplicate(channel: str, first: _Column, second: _Column) -> str:
 
 
 def _assign_roles(
-    rig: Rig, columns: dict[str, _Column], files: Sequence[str]
+    rig: ChannelSource, columns: dict[str, _Column], files: Sequence[str]
 ) -> tuple[dict[str, TimeSeries], dict[str, TimeSeries]]:
     """Return the prescribed and the measured channels; raise InputError where one is missing or has gaps."""
-    required, optional = channels.PRESCRIBED_CHANNELS[rig], channels.MEASURED_CHANNELS[rig]
-    source = " + ".join(files)
+    required, optional = get_prescribed_units(rig), get_measured_units(rig)
+    source, rig_name = " + ".join(files), channels.get_rig_name(rig)
     for channel in required:
         if channel not in columns:
             raise InputError(
-                f"trial {source}: the prescribed channel '{channel}' is missing; a {rig} trial needs "
+                f"trial {source}: the prescribed channel '{channel}' is missing; a {rig_name} trial needs "
                 f"{', '.join(required)}"
             )
         if channel != channels.GAP_TOLERANT_CHANNEL:
@@ -219,7 +223,7 @@ def _assign_roles(
     measured = {channel: columns[channel].series for channel in optional if channel in columns}
     if not measured:
         raise InputError(
-            f"trial {source}: no channel is measured; a {rig} trial needs at least one of {', '.join(optional)}"
+            f"trial {source}: no channel is measured; a {rig_name} trial needs at least one of {', '.join(optional)}"
         )
     return {channel: columns[channel].series for channel in required}, measured
 

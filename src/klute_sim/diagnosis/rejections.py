@@ -7,7 +7,7 @@ from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import SelectionStep
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 
-Identity = tuple[str, str | None, str | None]
+Identity = tuple[str | None, ...]
 """Effect, channel and number of a term."""
 
 

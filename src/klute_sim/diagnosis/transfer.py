@@ -110,6 +110,8 @@ def _detach_setup(fit: Fit, dataset: Dataset) -> tuple[Hypothesis, Array]:
                 f"the device of dataset '{dataset.folder.name}' has no number '{key}', which the diagnosis fitted; "
                 "declare a device with the same sections"
             )
+    if hypothesis.mechanism_numbers:
+        hypothesis = _declare_mechanism_numbers(hypothesis, dataset)
     retained = [term.effect_definition.kind != "instrument" for term in hypothesis.terms]
     terms = tuple(term for term, keep in zip(hypothesis.terms, retained, strict=True) if keep)
     n_numbers = len(hypothesis.uncertainties)
@@ -118,6 +120,21 @@ def _detach_setup(fit: Fit, dataset: Dataset) -> tuple[Hypothesis, Array]:
         for index, parameter in enumerate(hypothesis.parameters)
     ]
     return replace(hypothesis, terms=terms, registration=()), fit.x[is_kept]
+
+
+def _declare_mechanism_numbers(hypothesis: Hypothesis, dataset: Dataset) -> Hypothesis:
+    """Return ``hypothesis`` with the numbers of the mechanism of ``dataset``, whose relative errors stay the same."""
+    known = {} if dataset.mechanism is None else dataset.mechanism.collect_nominal_numbers()
+    numbers, deviations = {}, dict(hypothesis.uncertainties)
+    for name, declared in hypothesis.mechanism_numbers:
+        if name not in known:
+            raise InputError(
+                f"the mechanism of dataset '{dataset.folder.name}' has no number '{name}', which the diagnosis fitted; "
+                "use the same names in its model and devices"
+            )
+        numbers[name] = known[name]
+        deviations[name] *= abs(known[name] / declared) if declared != 0.0 else 1.0
+    return replace(hypothesis, uncertainties=tuple(deviations.items()), mechanism_numbers=tuple(numbers.items()))
 
 
 def _compute_range(experiments: list[Experiment], channel: str) -> float:

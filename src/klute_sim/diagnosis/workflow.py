@@ -171,7 +171,8 @@ def fit_base_device(
 ) -> tuple[Fit, WeightedData]:
     """Return the fit of the device without added effects, and the data weighted by the noise of its residuals."""
     registration = tuple(experiments[0].registration_deviations.items())
-    nominal = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), (), (), registration)
+    uncertainties, mechanism_numbers = tuple(dataset.uncertainties.items()), tuple(dataset.nominal_numbers.items())
+    nominal = Hypothesis(dataset.device, uncertainties, (), (), registration, mechanism_numbers)
     unweighted = WeightedData(simulator, experiments, {})
     estimate_noise = (
         repeats.estimate_noise_from_repeats

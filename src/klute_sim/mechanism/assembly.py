@@ -6,15 +6,18 @@ from functools import cached_property
 from typing import NamedTuple
 
 import mujoco
+import numpy as np
 
 from klute_sim.datasets.mechanism_channels import QUANTITIES, Channel, normalize_name, parse_channel
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.errors import InputError, suggest
 from klute_sim.mechanism import drives
-from klute_sim.mechanism.model_file import ModelFile
-from klute_sim.mechanism.model_numbers import set_model_numbers
 from klute_sim.plant import models
+from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.coupling import N_BASE_STATES
+from klute_sim.plant.mjcf.model_file import ModelFile
+from klute_sim.plant.mjcf.model_numbers import set_model_numbers
+from klute_sim.types import Array
 
 JOINT_TYPES = {"hinge joint": mujoco.mjtJoint.mjJNT_HINGE, "slide joint": mujoco.mjtJoint.mjJNT_SLIDE}
 """Kind of object -> type of joint."""
@@ -182,3 +185,29 @@ def _stop_at_resting_length(tendon: mujoco.MjsTendon, parameters: DeviceParamete
     if parameters.tendon.is_rigid and tendon.limited != mujoco.mjtLimited.mjLIMITED_TRUE and not any(tendon.range):
         tendon.limited = mujoco.mjtLimited.mjLIMITED_TRUE
         tendon.range = [0.0, parameters.tendon.slack_length + parameters.muscle.resting_length]
+
+
+def compute_unit_lengths(
+    mechanism: Mechanism, numbers: Mapping[str, float], positions: Mapping[str, Array]
+) -> dict[str, Array]:
+    """Return tendon -> length [m] at joint ``positions`` (joint -> m or rad, one value per sample).
+
+    Other joints stay where the model has them; ``numbers`` changes numbers of the model.
+    """
+    spec = mechanism.spec.copy()
+    set_model_numbers(spec, numbers)
+    model = compile_model(spec)
+    data = mujoco.MjData(model)
+    tendons = {name: model.tendon(name).id for name in mechanism.device_names}
+    n_samples = max((len(values) for values in positions.values()), default=1)
+    lengths = {name: np.empty(n_samples) for name in tendons}
+    addresses = {name: int(model.joint(name).qposadr[0]) for name in positions}
+    for k in range(n_samples):
+        for name, values in positions.items():
+            data.qpos[addresses[name]] = values[k]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        for name, index in tendons.items():
+            lengths[name][k] = data.ten_length[index]
+    return lengths

@@ -7,8 +7,8 @@ import numpy as np
 
 from klute_sim.device.device import Device
 from klute_sim.laws.mckibben import lock_length
-from klute_sim.mechanism.model_file import ModelFile
-from klute_sim.mechanism.model_numbers import collect_model_numbers, set_model_numbers
+from klute_sim.plant.mjcf.model_file import ModelFile
+from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
 
 NEUTRAL_MUSCLE_RATIO = 0.88
 """Muscle length over resting length in the middle of the joint's range (assumed: between rest and full contraction)."""
@@ -49,6 +49,8 @@ def mount_devices(file: ModelFile, devices: Mapping[str, Device]) -> dict[str, f
 
 def _compute_neutral_length(device: Device) -> float:
     muscle, tendon = device.parameters.muscle, device.parameters.tendon
+    if muscle.resting_length == 0.0:  # a tendon alone
+        return tendon.slack_length
     shortest = lock_length(muscle) / muscle.resting_length
     return tendon.slack_length + max(NEUTRAL_MUSCLE_RATIO, 0.5 * (shortest + 1.0)) * muscle.resting_length
 

@@ -14,10 +14,10 @@ from klute_sim.device.rollout import MAX_TIME_STEP
 from klute_sim.errors import InputError
 from klute_sim.mechanism import metrics
 from klute_sim.mechanism.assembly import Mechanism
-from klute_sim.mechanism.model_file import ModelFile
 from klute_sim.mechanism.protocols import JointTrial, ProtocolSettings, plan_test
 from klute_sim.mechanism.record import record_mechanism
 from klute_sim.mechanism.simulate import simulate_mechanism
+from klute_sim.plant.mjcf.model_file import ModelFile
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array, ProgressCallback
 from klute_sim.units import BAR

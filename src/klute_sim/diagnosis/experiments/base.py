@@ -5,15 +5,18 @@ Each rig prescribes its own inputs; see :mod:`~klute_sim.diagnosis.experiments.b
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from klute_sim.datasets.mechanism_channels import DISPLAY_UNITS, parse_channel
 from klute_sim.datasets.trial import SensorLimits, TimeSeries, Trial, Use
+from klute_sim.datasets.unit_conversion import get_conversion_factor
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.errors import InputError
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
@@ -29,10 +32,36 @@ relative to the normal time step is subtracted."""
 PRESSURE_PERTURBATION = 2e3
 """Change of the commanded pressure [Pa] that measures the sensitivity to pressure noise."""
 
-CHANNEL_UNITS = {
-    **{"force": ("N", 1.0), "pressure": ("bar", BAR), "muscle_length": ("mm", 1e-3)},
-    **{"ankle_angle": ("deg", np.pi / 180.0), "ankle_moment": ("N*m", 1.0)},
-}
+
+class ChannelUnits(Mapping[str, tuple[str, float]]):
+    """Channel -> unit for display, and that unit in SI; those of a mechanism follow from the names of its channels."""
+
+    _RIG_CHANNELS: ClassVar = {
+        **{"force": ("N", 1.0), "pressure": ("bar", BAR), "muscle_length": ("mm", 1e-3)},
+        **{"ankle_angle": ("deg", np.pi / 180.0), "ankle_moment": ("N*m", 1.0)},
+    }
+
+    def __getitem__(self, channel: str) -> tuple[str, float]:
+        """Return the unit of ``channel``."""
+        if channel in self._RIG_CHANNELS:
+            return self._RIG_CHANNELS[channel]
+        try:
+            si_unit = parse_channel(channel).si_unit
+        except InputError:
+            raise KeyError(channel) from None
+        unit = DISPLAY_UNITS[si_unit]
+        return unit, get_conversion_factor(unit, si_unit) or 1.0
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the channels of bench and gait."""
+        return iter(self._RIG_CHANNELS)
+
+    def __len__(self) -> int:
+        """Return the number of channels of bench and gait."""
+        return len(self._RIG_CHANNELS)
+
+
+CHANNEL_UNITS = ChannelUnits()
 """Channel -> unit for display, and that unit in SI."""
 
 
@@ -77,6 +106,19 @@ class SimulationSetup(NamedTuple):
     registration: tuple[float, ...] = ()
     """Errors of the registration of a walk (:class:`~klute_sim.diagnosis.experiments.registration.Registration`); empty
     for none."""
+    devices: tuple[DeviceParameters, ...] = ()
+    """Parameters of all devices of a mechanism, in its order; empty: the nominal ones."""
+    model_numbers: tuple[tuple[str, float], ...] = ()
+    """Numbers of the model that differ from those of the trial."""
+
+
+class NumberChange(NamedTuple):
+    """A fitted number of a model."""
+
+    declared: float
+    """Value that the dataset declares."""
+    value: float
+    """Fitted value."""
 
 
 class DeviceResponse(NamedTuple):
@@ -94,6 +136,15 @@ class DeviceResponse(NamedTuple):
     """Ankle angle, dorsiflexion positive [rad]; None on a rig without an ankle."""
     ankle_moment: Array | None = None
     """Ankle moment, plantarflexor positive [N.m]; None on a rig without an ankle."""
+    channels: Mapping[str, Array] | None = None
+    """Measured channels of a mechanism [SI], whose first device has the fields above; None on another rig."""
+
+    def read_channel(self, channel: str) -> Array:
+        """Return ``channel`` [SI]."""
+        if self.channels is not None:
+            return self.channels[channel]
+        values: Array = getattr(self, RESPONSE_FIELDS[channel])
+        return values
 
 
 RESPONSE_FIELDS = {
@@ -151,6 +202,8 @@ class Experiment(ABC):
     """Channel -> limits of its sensor [SI]; its samples are no further than these."""
     specimen: str = ""
     """Specimen of the device that was measured."""
+    devices: Mapping[str, Device] = field(default_factory=dict)
+    """Tendon -> device of a mechanism; empty on a rig with one device."""
     noisy_variants: "tuple[Experiment, ...]" = ()
     """For each prescribed channel with stated noise: the trial with this channel off by one standard deviation."""
 
@@ -213,6 +266,10 @@ class Experiment(ABC):
     @abstractmethod
     def compute_covariates(self) -> dict[str, Array]:
         """Return the quantities that may explain a misfit, one value per time step."""
+
+    def correct_model_numbers(self, changes: Mapping[str, NumberChange]) -> dict[str, float]:
+        """Return the numbers of the trial's model under ``changes``; empty on a rig without a model of its own."""
+        return {}
 
     def with_repeats(self, repeats: "Sequence[Experiment]") -> "Experiment":
         """Return the experiment with the properties that it shares with its ``repeats``, which include itself."""

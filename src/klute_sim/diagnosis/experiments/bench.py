@@ -175,7 +175,7 @@ def prepare_bench_trial(trial: Trial, use: Use) -> BenchExperiment:
         measured=select_samples(trial, start_time, end_time, time[-1], **(warm_up if is_moving else {})),
         initial_pressure=_estimate_initial_pressure(trial) if is_moving else None,
         other_lengths=_list_other_lengths(time, length),
-        other_commands=_list_other_commands(time, command),
+        other_commands=list_other_commands(time, command),
         trusted=trial.trusted,
         limits=trial.limits,
         specimen=trial.specimen,
@@ -221,7 +221,7 @@ def _list_other_lengths(time: Array, length: TimeSeries) -> tuple[Array, ...]:
     return (CubicSpline(length.time, length.value)(time).astype(np.float64),)
 
 
-def _list_other_commands(time: Array, command: TimeSeries) -> tuple[Array, ...]:
+def list_other_commands(time: Array, command: TimeSeries) -> tuple[Array, ...]:
     """Return other courses of the command [Pa] at ``time`` [s]: it may have stepped at once or at the last moment."""
     if command.sampling_interval <= MAX_DENSE_INTERVAL:
         return ()

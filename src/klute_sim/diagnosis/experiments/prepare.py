@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
-from klute_sim.datasets.channels import Rig
+from klute_sim.datasets.channels import RigName
 from klute_sim.datasets.dataset import Dataset
 from klute_sim.datasets.split import Split
 from klute_sim.datasets.trial import Trial, Use
@@ -11,14 +12,15 @@ from klute_sim.device.device import check_accepts_pressure
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.bench import prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
+from klute_sim.diagnosis.experiments.mechanism import prepare_mechanism_trial
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 
-TRIAL_PREPARERS: Mapping[Rig, Callable[[Trial, Use], Experiment]] = {
+TRIAL_PREPARERS: Mapping[RigName, Callable[[Trial, Use], Experiment]] = {
     "bench": prepare_bench_trial,
     "gait": prepare_gait_trial,
 }
-"""Rig -> function that prepares one trial."""
+"""Rig -> function that prepares one trial; that of a mechanism also needs its model."""
 
 
 def prepare_experiments(dataset: Dataset, split: Split) -> list[Experiment]:
@@ -27,21 +29,26 @@ def prepare_experiments(dataset: Dataset, split: Split) -> list[Experiment]:
     Raises InputError for a device that is commanded by valve opening, for a trial that its rig cannot simulate, and
     for uncertain body parameters on a bench.
     """
-    for key in dataset.uncertainties if dataset.rig == "bench" else ():
+    for key in dataset.uncertainties if dataset.rig != "gait" else ():
         section, _, name = key.partition(".")
         if section == "effects" and catalogue.get_effects()[name.partition(".")[0]].kind == "body":
-            raise InputError(f"[uncertain] '{key}' describes the body, which a bench does not test; remove the key")
+            rig = "a bench" if dataset.rig == "bench" else "a mechanism"
+            raise InputError(f"[uncertain] '{key}' describes the body, which {rig} does not test; remove the key")
     for trial in dataset.trials:
-        check_accepts_pressure(trial.device, f"trial '{trial.name}'")
+        for device in (trial.device, *trial.devices.values()):
+            check_accepts_pressure(device, f"trial '{trial.name}'")
     uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")
     uses |= dict.fromkeys(split.validation, "validation")
     uses |= dict.fromkeys(split.test, "test")
-    experiments = [_prepare_trial(trial, uses[trial.name], dataset.rig) for trial in dataset.trials]
+    experiments = [_prepare_trial(trial, uses[trial.name], dataset) for trial in dataset.trials]
     return [e.with_repeats([other for other in experiments if other.group == e.group]) for e in experiments]
 
 
-def _prepare_trial(trial: Trial, use: Use, rig: Rig) -> Experiment:
-    prepare = TRIAL_PREPARERS[rig]
+def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
+    if dataset.mechanism is None:
+        prepare = TRIAL_PREPARERS[dataset.rig]
+    else:
+        prepare = partial(prepare_mechanism_trial, dataset.mechanism)
     variants = []
     for channel, deviation in trial.input_noise.items():
         series = trial.prescribed[channel]

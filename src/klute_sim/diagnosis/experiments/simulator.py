@@ -8,7 +8,6 @@ import numpy as np
 
 from klute_sim.diagnosis.experiments.base import (
     COARSE_STEP_FACTOR,
-    RESPONSE_FIELDS,
     DeviceResponse,
     Experiment,
     SimulationSetup,
@@ -27,20 +26,26 @@ def extrapolate_to_zero_step(fine: DeviceResponse, coarse: DeviceResponse) -> De
     The time step of ``coarse`` is :data:`COARSE_STEP_FACTOR` times that of ``fine``. The error is proportional to the
     time step, so it is a multiple of the difference between the two responses.
     """
-    extrapolated: list[Array | None] = []
-    for fine_values, coarse_values in zip(fine[1:], coarse[1:], strict=True):
-        if fine_values is None or coarse_values is None:
-            extrapolated.append(None)
-            continue
+
+    def extrapolate(fine_values: Array, coarse_values: Array) -> Array:
         difference = np.interp(coarse.time, fine.time, fine_values) - coarse_values
-        extrapolated.append(
-            fine_values + np.interp(fine.time, coarse.time, difference).astype(np.float64) / (COARSE_STEP_FACTOR - 1)
-        )
-    tension, pressure, muscle_length, ankle_angle, ankle_moment = extrapolated
-    assert tension is not None
-    assert pressure is not None
-    assert muscle_length is not None
-    return DeviceResponse(fine.time, tension, pressure, muscle_length, ankle_angle, ankle_moment)
+        return fine_values + np.interp(fine.time, coarse.time, difference).astype(np.float64) / (COARSE_STEP_FACTOR - 1)
+
+    def extrapolate_optional(fine_values: Array | None, coarse_values: Array | None) -> Array | None:
+        return None if fine_values is None or coarse_values is None else extrapolate(fine_values, coarse_values)
+
+    channels = None
+    if fine.channels is not None and coarse.channels is not None:
+        channels = {name: extrapolate(values, coarse.channels[name]) for name, values in fine.channels.items()}
+    return DeviceResponse(
+        fine.time,
+        extrapolate(fine.tension, coarse.tension),
+        extrapolate(fine.pressure, coarse.pressure),
+        extrapolate(fine.muscle_length, coarse.muscle_length),
+        extrapolate_optional(fine.ankle_angle, coarse.ankle_angle),
+        extrapolate_optional(fine.ankle_moment, coarse.ankle_moment),
+        channels,
+    )
 
 
 def simulate_once(setup: SimulationSetup, experiment: Experiment) -> DeviceResponse:
@@ -67,7 +72,7 @@ def observe(setup: SimulationSetup, experiment: Experiment, response: DeviceResp
     """Return the sensor readings [SI] of ``response`` per measured channel, at the times of the measured samples."""
     readings = {}
     for channel, series in experiment.measured.items():
-        value: Array = getattr(response, RESPONSE_FIELDS[channel])
+        value = response.read_channel(channel)
         for sensor in setup.sensors:
             if sensor.channel == channel:
                 form = get_effects()[sensor.effect].forms[0]

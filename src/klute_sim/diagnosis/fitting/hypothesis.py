@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.schema.document import DeviceSpec
@@ -20,6 +21,7 @@ from klute_sim.diagnosis.experiments.base import (
     CHANNEL_UNITS,
     BodyEdit,
     Experiment,
+    NumberChange,
     SensorModel,
     SimulationSetup,
 )
@@ -50,11 +52,13 @@ class EffectTerm(NamedTuple):
     """Keys of the fitted parameters of a discrepancy term, whose other parameters stay neutral; empty: all."""
     number: str | None = None
     """``section.key`` of the device file for an error of this number; None for effects."""
+    tendon: str | None = None
+    """Tendon of the only device of a mechanism that has the effect; None: all devices have it."""
 
     @property
-    def identity(self) -> tuple[str, str | None, str | None]:
-        """What the term stands for, whatever its form: effect, channel and number."""
-        return self.effect, self.channel, self.number
+    def identity(self) -> tuple[str | None, ...]:
+        """What the term stands for, whatever its form: effect, channel, number and tendon."""
+        return self.effect, self.channel, self.number, self.tendon
 
     @property
     def effect_definition(self) -> Effect:
@@ -76,10 +80,11 @@ class EffectTerm(NamedTuple):
         )
 
     def __str__(self) -> str:
-        """Return effect, form (where there are several) and channel, or the number that may be wrong."""
+        """Return effect, form (where there are several) and channel or tendon, or the number that may be wrong."""
         if self.number:
             return self.number
-        channel = f" of {self.channel}" if self.channel else ""
+        owner = self.channel or self.tendon
+        channel = f" of {owner}" if owner else ""
         if len(self.effect_definition.forms) == 1:
             return f"{self.effect}{channel}"
         return f"{self.effect} ({self.form}){channel}"
@@ -107,6 +112,8 @@ class Hypothesis:
     """Additional effects."""
     registration: tuple[tuple[str, float], ...] = ()
     """Name and standard deviation of each error of the registration of a walk."""
+    mechanism_numbers: tuple[tuple[str, float], ...] = ()
+    """Name and nominal value of each uncertain number of a mechanism: of its model, or of one of its devices."""
 
     def with_term(self, term: EffectTerm) -> "Hypothesis":
         """Return the hypothesis with ``term`` added."""
@@ -119,7 +126,7 @@ class Hypothesis:
     @cached_property
     def parameters(self) -> tuple[FitParameter, ...]:
         """Parameters of the device, then those of each term in order."""
-        nominal_values = self.device.spec.collect_values()
+        nominal_values = {**self.device.spec.collect_values(), **dict(self.mechanism_numbers)}
         parameters = []
         for key, deviation in self.uncertainties:
             nominal, half_range = nominal_values[key], PRIOR_BOUND_SIGMAS * deviation
@@ -206,17 +213,27 @@ class Hypothesis:
 
     def collect_numbers(self, values: Sequence[float]) -> dict[str, float]:
         """Return ``section.key`` -> fitted number of the device for parameter ``values``, each in its own unit."""
+        other_names = dict(self.mechanism_numbers)
         return {
             parameter.name: value
             for parameter, value in zip(self.parameters, values, strict=True)
-            if (parameter.term_index is None and not parameter.name.startswith(REGISTRATION_PREFIX))
+            if (
+                parameter.term_index is None
+                and not parameter.name.startswith(REGISTRATION_PREFIX)
+                and parameter.name not in other_names
+            )
             or (parameter.term_index is not None and self.terms[parameter.term_index].number)
         }
+
+    def collect_mechanism_numbers(self, values: Sequence[float]) -> dict[str, float]:
+        """Return name -> fitted number of the mechanism for parameter ``values``, each in its own unit."""
+        names = dict(self.mechanism_numbers)
+        return {p.name: v for p, v in zip(self.parameters, values, strict=True) if p.name in names}
 
     def build_setups(self, x: Array, experiments: Sequence[Experiment]) -> list[SimulationSetup]:
         """Return the simulation setup of each of ``experiments`` at normalized parameters ``x``."""
         values = self.values(x)
-        device_effects: dict[tuple[str, str], dict[str, float]] = {}
+        device_effects: list[tuple[EffectTerm, dict[str, float]]] = []
         sensors, body_edits = [], []
         for index, term in enumerate(self.terms):
             pairs = [(p, v) for p, v in zip(self.parameters, values, strict=True) if p.term_index == index]
@@ -225,38 +242,72 @@ class Hypothesis:
             if term.effect_definition.kind == "body":
                 body_edits.append(BodyEdit(term.effect, term.form, tuple((p.name, v) for p, v in pairs)))
             elif term.channel is None:
-                device_effects[term.effect, term.form] = {p.name: v for p, v in pairs}
+                device_effects.append((term, {p.name: v for p, v in pairs}))
             else:
                 unit = CHANNEL_UNITS[term.channel][1]
                 si_values = tuple(v * unit if not math.isfinite(p.upper) else v for p, v in pairs)
                 sensors.append(SensorModel(term.channel, term.effect, term.form_definition.parameter_type(*si_values)))
-        fitted = self.collect_numbers(values)
         start = len(self.uncertainties)
         errors = values[start : start + len(self.registration)]
         registration = tuple(error * factor for error, factor in zip(errors, SI_FACTORS, strict=False))
-        nominal = self.device.spec.collect_values()
-        devices: dict[str, tuple[DeviceParameters, list[BodyEdit]]] = {}  # most trials share one device
+        built: dict[tuple[str | None, str], tuple[DeviceParameters, list[BodyEdit]]] = {}  # most trials share a device
+
+        def build(device: Device, tendon: str | None) -> tuple[DeviceParameters, list[BodyEdit]]:
+            key = tendon, device.digest
+            if key not in built:
+                corrected = self.correct_numbers(device, tendon, values)
+                spec = replace_values(device.spec, corrected)
+                added = {(t.effect, t.form): p for t, p in device_effects if t.tendon in (None, tendon)}
+                effects = catalogue.pack_effects(_select_effects(spec, "device") | added)
+                built[key] = spec.to_parameters()._replace(effects=effects), _collect_body_edits(spec, corrected)
+            return built[key]
+
+        declared = dict(self.mechanism_numbers)
+        changes = {n: NumberChange(declared[n], v) for n, v in self.collect_model_numbers(values).items()}
         setups = []
         for experiment in experiments:
-            device = experiment.device
-            if device.digest not in devices:
-                # A value that a trial overrides has the same relative error as that of the dataset's device.
-                trial_values = device.spec.collect_values()
-                corrected = {
-                    key: trial_values[key] * value / nominal[key] if nominal[key] != 0.0 else trial_values[key] + value
-                    for key, value in fitted.items()
-                }
-                corrected = complete_numbers(trial_values, corrected)
-                spec = replace_values(device.spec, corrected)
-                effects = catalogue.pack_effects(_select_effects(spec, "device") | device_effects)
-                devices[device.digest] = (
-                    spec.to_parameters()._replace(effects=effects),
-                    _collect_body_edits(spec, corrected),
-                )
             imperfect = tuple(sensor for sensor in sensors if sensor.channel not in experiment.trusted)
-            parameters, own_body_edits = devices[device.digest]
-            setups.append(SimulationSetup(parameters, imperfect, (*own_body_edits, *body_edits), registration))
+            parameters, own_body_edits = build(experiment.device, None)
+            setups.append(
+                SimulationSetup(
+                    parameters,
+                    imperfect,
+                    (*own_body_edits, *body_edits),
+                    registration,
+                    tuple(build(device, tendon)[0] for tendon, device in experiment.devices.items()),
+                    tuple(experiment.correct_model_numbers(changes).items()),
+                )
+            )
         return setups
+
+    def correct_numbers(self, device: Device, tendon: str | None, values: Sequence[float]) -> dict[str, float]:
+        """Return ``section.key`` -> number of ``device`` on ``tendon`` (None: no mechanism) at parameter ``values``.
+
+        A number that a trial or a tendon overrides has the same relative error as that of the dataset's device. An
+        error of the device on one tendon is added to those of all.
+        """
+        nominal, own_values = self.device.spec.collect_values(), device.spec.collect_values()
+        corrected = {
+            key: own_values[key] * value / nominal[key] if nominal[key] != 0.0 else own_values[key] + value
+            for key, value in self.collect_numbers(values).items()
+            if key in own_values
+        }
+        declared = dict(self.mechanism_numbers)
+        for name, value in self.collect_mechanism_numbers(values).items():
+            owner, separator, key = name.partition(DEVICE_SEPARATOR)
+            if separator and owner == tendon:
+                corrected[key] = corrected.get(key, own_values[key]) + value - declared[name]
+        return complete_numbers(own_values, corrected)
+
+    def list_fitted_keys(self, tendon: str | None) -> set[str]:
+        """Return ``section.key`` of all fitted numbers of the device on ``tendon`` (None: no mechanism)."""
+        own = (name.partition(DEVICE_SEPARATOR) for name, _ in self.mechanism_numbers)
+        shared = self.collect_numbers([p.initial for p in self.parameters])
+        return {*shared, *(key for owner, separator, key in own if separator and owner == tendon)}
+
+    def collect_model_numbers(self, values: Sequence[float]) -> dict[str, float]:
+        """Return name -> fitted number of the model of a mechanism for parameter ``values``."""
+        return {name: v for name, v in self.collect_mechanism_numbers(values).items() if is_model_number(name)}
 
 
 def replace_values(spec: DeviceSpec, new_values: Mapping[str, float]) -> DeviceSpec:

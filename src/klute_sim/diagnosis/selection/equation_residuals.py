@@ -88,6 +88,8 @@ def compute_equation_residuals(data: WeightedData, final_fit: Fit) -> list[Equat
     """
     bench_experiments = [e for e in data.experiments if isinstance(e, BenchExperiment)]
     hypothesis = final_fit.hypothesis
+    if not bench_experiments:
+        return []
     base = Hypothesis(hypothesis.device, hypothesis.uncertainties, hypothesis.noise_std)
     setups = base.build_setups(final_fit.x[: base.n_device_parameters], bench_experiments)
     series = [_compute_residual_series(e, setup.parameters) for e, setup in zip(bench_experiments, setups, strict=True)]

@@ -59,7 +59,7 @@ class PredictiveModel:
         return self.fit.hypothesis.terms
 
     @property
-    def identities(self) -> frozenset[tuple[str, str | None, str | None]]:
+    def identities(self) -> frozenset[tuple[str | None, ...]]:
         """What the terms stand for."""
         return frozenset(term.identity for term in self.terms)
 

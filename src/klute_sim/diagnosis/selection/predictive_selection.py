@@ -269,7 +269,7 @@ def screen_pairs(base_fit: Fit, candidates: Sequence[Candidate]) -> list[tuple[C
     directions = np.array([c.direction for c in candidates]).reshape(len(candidates), -1)
     cosines = directions @ directions.T
     projections = -directions @ base_fit.weighted_residuals
-    best: dict[frozenset[tuple[str, str | None, str | None]], tuple[float, int, int]] = {}
+    best: dict[frozenset[tuple[str | None, ...]], tuple[float, int, int]] = {}
     for i in range(len(candidates)):
         for k in range(i + 1, len(candidates)):
             first, second = candidates[i], candidates[k]
@@ -305,7 +305,7 @@ def _is_allowed(candidate: Candidate, amount: float) -> bool:
 
 def _select_best(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
     """Return the best form of each of the ``count`` best causes."""
-    best: dict[tuple[str, str | None, str | None], Candidate] = {}
+    best: dict[tuple[str | None, ...], Candidate] = {}
     for candidate in candidates:
         if candidate.predicted_gain > 0.0:
             best.setdefault(candidate.term.identity, candidate)

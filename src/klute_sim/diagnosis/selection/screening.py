@@ -100,6 +100,9 @@ def list_candidate_terms(
             continue
         if effect.kind == "device" or (effect.kind == "body" and data.experiments[0].has_body):
             terms += [EffectTerm(effect.name, form.name) for form in effect.forms]
+            if effect.kind == "device" and len(data.experiments[0].devices) > 1:  # one device may have what others lack
+                tendons = data.experiments[0].devices
+                terms += [EffectTerm(effect.name, effect.forms[0].name, tendon=tendon) for tendon in tendons]
         elif effect.kind == "instrument":
             # Quantisation is detected without a simulation.
             channels = [c for c in data.noise if c in CHANNEL_UNITS and effect is not instrument.QUANTIZATION]

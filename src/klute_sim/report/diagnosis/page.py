@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from klute_sim.datasets.channels import MEASURED_CHANNELS
+from klute_sim.datasets.channels import get_measured_units
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
@@ -32,6 +32,7 @@ BOUND_TOLERANCE = 1e-6
 UNOBSERVED_BY_RIG = {
     "bench": "The body, its joints and the ground: only the device was on the bench.",
     "gait": "The subject and the ground: motion and load were prescribed as measured.",
+    "mjcf": "The model beyond its uncertain numbers: its geometry, masses and friction were taken as given.",
 }
 """Rig -> what a diagnosis on it cannot observe."""
 
@@ -298,8 +299,10 @@ def _format_tenths(value: float) -> str:
 
 def _build_device_parameter_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
     """Return the device's uncertain numbers: nominal values, and fitted values without and with effects."""
-    nominal, rows = diagnosis.dataset.device.spec.collect_values(), []
-    for index, (key, sd) in enumerate(diagnosis.dataset.uncertainties.items()):
+    dataset = diagnosis.dataset
+    nominal: dict[str, float] = {**dataset.device.spec.collect_values(), **dataset.nominal_numbers}
+    rows = []
+    for index, (key, sd) in enumerate(dataset.uncertainties.items()):
         row, notes = {"key": key, "unit": words.split_key(key)[1]}, []
         row["nominal"], row["sd"] = words.format_number(nominal[key]), words.format_number(sd, 3)
         for name, fit, model in (
@@ -351,15 +354,13 @@ def _list_limitations(diagnosis: Diagnosis) -> list[str]:
     measured = {channel for trial in diagnosis.dataset.trials for channel in trial.measured}
     missing = [
         words.humanize_identifier(channel)
-        for channel in MEASURED_CHANNELS[diagnosis.dataset.rig]
+        for channel in get_measured_units(diagnosis.dataset.channel_source)
         if channel not in measured
     ]
     if missing:
         limitations.append(f"Channels that were not measured: {words.join_words(missing)}.")
     used = diagnosis.noise if diagnosis.final_fit is not None else measured
-    unused = [
-        words.humanize_identifier(channel) for channel in CHANNEL_UNITS if channel in measured and channel not in used
-    ]
+    unused = [words.humanize_identifier(channel) for channel in sorted(measured) if channel not in used]
     if unused:
         limitations.append(f"Channels that were measured but could not be used: {words.join_words(unused)}.")
     limitations.append(UNOBSERVED_BY_RIG[diagnosis.dataset.rig])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from klute_sim.errors import InputError
-from klute_sim.mechanism.model_file import MODEL_NAMES, load_model_file
-from klute_sim.mechanism.model_numbers import collect_model_numbers, set_model_numbers
+from klute_sim.plant.mjcf.model_file import MODEL_NAMES, load_model_file
+from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
 
 SLIDER = """<mujoco>{extra}<worldbody><site name="top" pos="0 0 0.4"/>
 <body name="mass"><inertial mass="2" pos="0 0 0" diaginertia="0.1 0.1 0.1"/><joint name="guide" type="slide"/>

@@ -1,0 +1,114 @@
+"""The mechanism of a dataset: the MJCF model, the devices on its tendons, and the numbers that differ from its file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from klute_sim.datasets.channels import MechanismChannels
+from klute_sim.datasets.format import DatasetFile
+from klute_sim.datasets.mechanism_channels import parse_input_channel, parse_output_channel
+from klute_sim.device.device import Device, list_presets, load_device
+from klute_sim.errors import InputError, suggest
+from klute_sim.plant.mjcf.model_file import MODEL_NAMES, ModelFile, load_model_file
+from klute_sim.plant.mjcf.model_numbers import PREFIX, collect_model_numbers
+
+DEVICE_SEPARATOR = "/"
+"""Separator of tendon and ``section.key`` in the name of a number of one device, such as ``flexor/muscle.c10_kpa``."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DatasetMechanism:
+    """Mechanism that the trials of a dataset were recorded on."""
+
+    file: ModelFile
+    """MJCF file."""
+    channels: MechanismChannels
+    """Channels that the dataset names."""
+    devices: Mapping[str, Device]
+    """Tendon -> device."""
+    shares_device: frozenset[str]
+    """Tendons whose device is that of the dataset, with or without stated changes; the others have their own file."""
+    numbers: Mapping[str, float]
+    """Numbers of the model that differ from its file."""
+    model_values: Mapping[str, float]
+    """All numbers of the model, with these changes."""
+
+    def collect_nominal_numbers(self) -> dict[str, float]:
+        """Return the numbers of the model and of each single device, by the names that ``[uncertain]`` uses."""
+        device_numbers = {
+            f"{tendon}{DEVICE_SEPARATOR}{key}": value
+            for tendon, device in self.devices.items()
+            for key, value in device.spec.collect_values().items()
+        }
+        return {**self.model_values, **device_numbers}
+
+
+def load_dataset_mechanism(file: DatasetFile, folder: Path, device: Device, source: str) -> DatasetMechanism | None:
+    """Return the mechanism that ``file`` declares; None on another rig.
+
+    ``device`` is the device of the dataset, ``source`` names the file in errors. Raises InputError for channels,
+    devices or numbers that the model or the rig does not have.
+    """
+    if file.rig != "mjcf":
+        for key in ("model", "prescribed", "measured", "devices", "numbers"):
+            if getattr(file, key):
+                raise InputError(f"{source}: '{key}' is for rig = 'mjcf'; remove it, or change the rig")
+        return None
+    for key in ("model", "prescribed", "measured"):
+        if not getattr(file, key):
+            raise InputError(f"{source}: rig = 'mjcf' needs the key '{key}' (see docs/datasets.md)")
+    for name in (*file.prescribed, *file.measured):
+        if [*file.prescribed, *file.measured].count(name) > 1:
+            raise InputError(f"{source}: the channel '{name}' is named twice; a channel is prescribed or measured")
+    try:
+        channels = MechanismChannels(
+            tuple(parse_input_channel(name).name for name in file.prescribed),
+            tuple(parse_output_channel(name).name for name in file.measured),
+        )
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    model = str(file.model)
+    model_file = load_model_file(model if model in MODEL_NAMES else folder / model)
+    spec = model_file.make_spec()
+    tendons = [tendon.name for tendon in spec.tendons if tendon.name]
+    devices = {}
+    for tendon in file.devices or tendons:
+        if tendon not in tendons:
+            listing = f"the tendons are: {', '.join(tendons) or 'none'}"
+            raise InputError(f"{source}: [devices] names the tendon '{tendon}'; {suggest(tendon, tendons, listing)}")
+        devices[tendon] = _load_tendon_device(file, tendon, folder, device, source)
+    if not devices:
+        raise InputError(f"{source}: no tendon of {model_file.path} has a name, so none can carry a device")
+    known = collect_model_numbers(spec)
+    return DatasetMechanism(
+        file=model_file,
+        channels=channels,
+        devices=devices,
+        shares_device=frozenset(t for t in devices if t not in file.devices or file.devices[t].device is None),
+        numbers=check_model_numbers(file.numbers, known, f"{source}: [numbers]"),
+        model_values={**known, **file.numbers},
+    )
+
+
+def _load_tendon_device(file: DatasetFile, tendon: str, folder: Path, shared: Device, source: str) -> Device:
+    entry = file.devices.get(tendon)
+    if entry is None:
+        return shared
+    base = shared
+    if entry.device is not None:
+        base = load_device(entry.device if entry.device in list_presets() else folder / entry.device)
+    return base.with_changes(entry.changes, f"{source}: [devices.{tendon}] changes")
+
+
+def check_model_numbers(numbers: Mapping[str, float], known: Mapping[str, float], place: str) -> dict[str, float]:
+    """Return ``numbers`` of the model; raise InputError, which begins with ``place``, for one that it lacks."""
+    for name in numbers:
+        if name not in known:
+            listing = f"it has: {', '.join(known)}"
+            raise InputError(f"{place}: '{name}' is not a number of the model; {suggest(name, known, listing)}")
+    return {name: float(value) for name, value in numbers.items()}
+
+
+def is_model_number(name: str) -> bool:
+    """Return whether ``name`` is that of a number of a model."""
+    return name.startswith(PREFIX)

@@ -1,0 +1,243 @@
+"""Trials of a mechanism: pressures, motion and loads are prescribed in an MJCF model with devices on its tendons."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from klute_sim.datasets.mechanism import DatasetMechanism
+from klute_sim.datasets.mechanism_channels import parse_channel
+from klute_sim.datasets.trial import TimeSeries, Trial, Use
+from klute_sim.diagnosis.experiments.base import (
+    CHANNEL_UNITS,
+    COARSE_STEP_FACTOR,
+    PRESSURE_PERTURBATION,
+    DeviceResponse,
+    Experiment,
+    NumberChange,
+    PrescribedInput,
+    SimulationSetup,
+    select_samples,
+)
+from klute_sim.diagnosis.experiments.bench import STATIONARY_SPEED, list_other_commands
+from klute_sim.diagnosis.experiments.denoise import denoise
+from klute_sim.errors import InputError
+from klute_sim.mechanism.assembly import Binding, Mechanism, compute_unit_lengths
+from klute_sim.mechanism.simulate import simulate_mechanism
+from klute_sim.types import Array
+
+STEPS_PER_SAMPLE = 10
+"""Time steps per sample of the prescribed channels, within the limits of the time step."""
+MIN_TIME_STEP, MAX_TIME_STEP = 5e-4, 2e-3
+"""Limits of the time step [s] (assumed: a stiff tendon on a light lever needs the longest of these)."""
+POSITION_PERTURBATION = 1e-3
+"""Change of a driven joint [rad or m] that measures the sensitivity to noise of its motion."""
+MAX_KINEMATIC_SAMPLES = 500
+"""Largest number of positions at which the lengths of the tendons are evaluated."""
+PRESSURE_QUANTITIES = ("pressure_command", "pressure")
+MOTION_QUANTITIES = ("angle", "position")
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismExperiment(Experiment):
+    """A trial of a mechanism."""
+
+    mechanism: Mechanism = field(kw_only=True)
+    """Model, devices and prescribed channels."""
+    outputs: Mapping[str, Binding] = field(kw_only=True)
+    """Measured channel -> object of the model."""
+    inputs: Mapping[str, Array] = field(kw_only=True)
+    """Prescribed channel -> values [SI], one per time step."""
+    other_inputs: tuple[tuple[Mapping[str, Array], ...], ...] = field(default=(), kw_only=True)
+    """For each command with samples far apart: the inputs with its other courses between the samples."""
+    numbers: Mapping[str, float] = field(kw_only=True)
+    """Numbers of the model that differ from its file."""
+    initial_positions: Mapping[str, float] = field(kw_only=True)
+    """Joint -> measured position [m or rad] near which the trial begins."""
+    unit_length: Array | None = field(default=None, kw_only=True)
+    """Length of the first device [m], one value per time step; None where a joint was neither driven nor measured."""
+
+    @cached_property
+    def coarse_variant(self) -> Experiment:
+        """The same trial with time steps of twice the length."""
+        factor = COARSE_STEP_FACTOR
+        return replace(
+            self,
+            dt=self.dt * factor,
+            inputs={name: values[factor - 1 :: factor] for name, values in self.inputs.items()},
+            command=self.command[factor - 1 :: factor],
+            unit_length=None if self.unit_length is None else self.unit_length[factor - 1 :: factor],
+            other_inputs=(),
+        )
+
+    @property
+    def input_variants(self) -> tuple[tuple[Experiment, ...], ...]:
+        """The trial with commands that are held before or after each sample."""
+        plain = replace(self, other_inputs=())
+        return tuple(tuple(replace(plain, inputs=inputs) for inputs in variants) for variants in self.other_inputs)
+
+    @property
+    def prescribed_input(self) -> PrescribedInput:
+        """The first driven joint, or the first load, or the pressure of the last device."""
+        name = next((n for n in self.inputs if parse_channel(n).quantity in MOTION_QUANTITIES), "")
+        name = name or next((n for n in self.inputs if parse_channel(n).quantity.startswith("external")), "")
+        name = name or list(self.inputs)[-1]
+        unit, si_factor = CHANNEL_UNITS[name]
+        values = self.inputs[name]
+        label = f"{name.replace('_', ' ')} [{unit}]"
+        stationary_rate = 0.01 * float(np.ptp(values)) if np.ptp(values) > 0.0 else si_factor
+        return PrescribedInput(label, si_factor, values, stationary_rate, ("falling", "stationary", "rising"))
+
+    @property
+    def has_body(self) -> bool:
+        """False: effects of the body belong to the prosthesis."""
+        return False
+
+    @property
+    def informative_channels(self) -> tuple[str, ...]:
+        """All channels but pressures; they depend on the forces of the devices."""
+        names = [name for name in self.outputs if parse_channel(name).quantity not in PRESSURE_QUANTITIES]
+        return ("force", *names) if len(names) < 2 else tuple(names)
+
+    @property
+    def length_range(self) -> float:
+        """Range of the length of the first device [m]; 0 where it is unknown."""
+        return 0.0 if self.unit_length is None else float(np.ptp(self.unit_length))
+
+    def simulate(self, setup: SimulationSetup) -> DeviceResponse:
+        """Simulate from rest under the first inputs."""
+        parameters = setup.devices or tuple(device.parameters for device in self.devices.values())
+        rollout = simulate_mechanism(
+            self.mechanism,
+            dict(zip(self.devices, parameters, strict=True)),
+            self.inputs,
+            self.dt,
+            numbers={**self.numbers, **dict(setup.model_numbers)},
+            initial_positions=self.initial_positions,
+        )
+        first = rollout.trace_device(next(iter(self.devices)))
+        channels = {name: rollout.read_channel(binding) for name, binding in self.outputs.items()}
+        time = self.start_time + self.dt + rollout.time
+        return DeviceResponse(time, first.tension, first.pressure, first.length, channels=channels)
+
+    def correct_model_numbers(self, changes: Mapping[str, NumberChange]) -> dict[str, float]:
+        """Return the changed numbers; one that the trial overrides has the same relative error as the declared one."""
+        corrected = {}
+        for name, (declared, value) in changes.items():
+            own_value = self.numbers.get(name, declared)
+            corrected[name] = own_value * value / declared if declared != 0.0 else own_value + value
+        return corrected
+
+    def perturb_inputs(self, delay: Callable[[Array], Array]) -> tuple[Experiment, Experiment, Experiment]:
+        """Perturb all pressures, perturb all driven joints, and delay all pressures."""
+
+        def change(quantities: tuple[str, ...], function: Callable[[Array], Array]) -> Experiment:
+            inputs = {
+                name: function(values) if parse_channel(name).quantity in quantities else values
+                for name, values in self.inputs.items()
+            }
+            return replace(self, inputs=inputs)
+
+        return (
+            change(PRESSURE_QUANTITIES, lambda values: values + PRESSURE_PERTURBATION),
+            change(MOTION_QUANTITIES, lambda values: values + POSITION_PERTURBATION),
+            change(PRESSURE_QUANTITIES, delay),
+        )
+
+    def compute_covariates(self) -> dict[str, Array]:
+        """Return pressure and, where it is known, length of the first device, with their rates, and time."""
+        step = self.duration / len(self.command)
+        covariates = {
+            "pressure": self.command,
+            "pressure change": self.smooth(np.abs(np.gradient(self.command, step))),
+            "time": np.linspace(0.0, self.duration, len(self.command)),
+        }
+        if self.unit_length is not None and np.ptp(self.unit_length) > STATIONARY_SPEED * step:
+            covariates["length"] = self.unit_length
+            covariates["speed"] = self.smooth(np.gradient(self.unit_length, step))
+        return covariates
+
+
+def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) -> MechanismExperiment:
+    """Return the experiment of a ``trial`` of the mechanism that the dataset ``declared``.
+
+    Raises InputError when a channel has no object in the model.
+    """
+    try:
+        mechanism = Mechanism(declared.file, tuple(declared.devices), declared.channels.prescribed)
+        outputs = {name: mechanism.bind(parse_channel(name)) for name in declared.channels.measured}
+    except InputError as error:
+        raise InputError(f"trial '{trial.name}': {error}") from None
+    series = trial.prescribed
+    start_time = max(s.time[0] for s in series.values())
+    end_time = min(s.time[-1] for s in series.values())
+    interval = min(s.sampling_interval for s in series.values())
+    dt = interval / max(1, round(interval / min(max(interval / STEPS_PER_SAMPLE, MIN_TIME_STEP), MAX_TIME_STEP)))
+    time = start_time + dt * np.arange(1, int((end_time - start_time) / dt + 1e-6) + 1)
+    inputs = {name: _interpolate(name, samples, time) for name, samples in series.items()}
+    other_inputs = tuple(
+        tuple({**inputs, name: values} for values in variants)
+        for name, samples in series.items()
+        if (variants := _list_other_courses(name, samples, time))
+    )
+    pressure_name = next(n for n, b in mechanism.bindings.items() if b.name == next(iter(declared.devices)))
+    positions = {
+        binding.name: _interpolate_finite(trial.measured[name], time)
+        for name, binding in outputs.items()
+        if name in trial.measured and binding.channel.quantity in MOTION_QUANTITIES
+    }
+    driven = {b.name: inputs[n] for n, b in mechanism.bindings.items() if b.channel.quantity in MOTION_QUANTITIES}
+    return MechanismExperiment(
+        name=trial.name,
+        group=trial.group,
+        use=use,
+        device=trial.device,
+        devices=trial.devices,
+        start_time=start_time,
+        dt=dt,
+        command=inputs[pressure_name],
+        measured=select_samples(trial, start_time, end_time, time[-1]),
+        trusted=trial.trusted,
+        limits=trial.limits,
+        specimen=trial.specimen,
+        mechanism=mechanism,
+        outputs={name: binding for name, binding in outputs.items() if name in trial.measured},
+        inputs=inputs,
+        other_inputs=other_inputs,
+        numbers=trial.model_numbers,
+        initial_positions={joint: float(values[0]) for joint, values in positions.items()},
+        unit_length=_compute_first_length(mechanism, trial.model_numbers, {**positions, **driven}, time),
+    )
+
+
+def _interpolate(name: str, samples: TimeSeries, time: Array) -> Array:
+    """Return a prescribed channel at ``time`` [s]; a motion is smooth, because its acceleration moves the bodies."""
+    values = denoise(samples.time, samples.value)
+    if parse_channel(name).quantity in MOTION_QUANTITIES:
+        return np.asarray(CubicSpline(samples.time, values)(time), dtype=np.float64)
+    return np.interp(time, samples.time, values)
+
+
+def _interpolate_finite(samples: TimeSeries, time: Array) -> Array:
+    is_finite = np.isfinite(samples.value)
+    return np.interp(time, samples.time[is_finite], samples.value[is_finite])
+
+
+def _list_other_courses(name: str, samples: TimeSeries, time: Array) -> tuple[Array, ...]:
+    is_command = parse_channel(name).quantity == "pressure_command"
+    return list_other_commands(time, samples) if is_command else ()
+
+
+def _compute_first_length(
+    mechanism: Mechanism, numbers: Mapping[str, float], positions: Mapping[str, Array], time: Array
+) -> Array | None:
+    """Return the length of the first device [m] at ``time`` [s]; None unless all joints have known positions."""
+    joints = [joint.name for joint in mechanism.spec.joints]
+    if not set(joints) <= positions.keys():
+        return None
+    samples = np.linspace(time[0], time[-1], min(len(time), MAX_KINEMATIC_SAMPLES))
+    sampled = {name: np.interp(samples, time, values) for name, values in positions.items()}
+    lengths = compute_unit_lengths(mechanism, numbers, sampled)
+    return np.interp(time, samples, lengths[mechanism.device_names[0]])

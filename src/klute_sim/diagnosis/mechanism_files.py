@@ -1,0 +1,29 @@
+"""Files of a diagnosed mechanism: the device of each tendon, and the MJCF model with its fitted numbers."""
+
+from klute_sim.diagnosis.device_file import augment_device
+from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.plant.callbacks import compile_model
+from klute_sim.plant.mjcf.model_numbers import set_model_numbers
+
+MODEL_FILE_NAME = "model.xml"
+"""Name of the file of the model."""
+
+
+def build_mechanism_files(diagnosis: Diagnosis) -> dict[str, bytes]:
+    """Return name -> content of ``model.xml`` and ``device-TENDON.toml`` as the recommended fit has them.
+
+    Empty on another rig and without a fit. Numbers that single trials change keep the values of the dataset.
+    """
+    mechanism = diagnosis.dataset.mechanism
+    if mechanism is None or diagnosis.final_fit is None:
+        return {}
+    fit = diagnosis.recommended_fit
+    source = diagnosis.dataset.folder.resolve().name
+    files = {
+        f"device-{tendon}.toml": augment_device(fit, source, device, tendon).content
+        for tendon, device in mechanism.devices.items()
+    }
+    spec = mechanism.file.make_spec()
+    set_model_numbers(spec, {**mechanism.numbers, **fit.hypothesis.collect_model_numbers(fit.values)})
+    compile_model(spec)  # MuJoCo writes compiled models only
+    return {**files, MODEL_FILE_NAME: spec.to_xml().encode()}

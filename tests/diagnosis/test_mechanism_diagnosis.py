@@ -1,0 +1,144 @@
+"""Diagnosis of joints with two devices: known numbers and effects are found from generated data of a joint."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from klute_sim.api.diagnosis import diagnose, load_dataset
+from klute_sim.datasets.dataset import split_dataset
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment, SimulationSetup
+from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
+from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.simulator import Simulator, observe, simulate_extrapolated
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.workflow import fit_base_device
+from klute_sim.errors import InputError
+from klute_sim.plant.mjcf.model_file import load_model_file
+from klute_sim.plant.mjcf.model_numbers import collect_model_numbers
+from tests.diagnosis import synthetic_joint_dataset as joint
+
+PAIR = load_device("klute-3-4-pair")
+TRUE_NUMBERS = {"model.geom.load.mass": 1.15, "model.joint.joint.damping": 0.08}
+UNCERTAIN = {"model.geom.load.mass": "10 %", "model.joint.joint.damping": "50 %", "muscle.friction_offset_n": "30 %"}
+SHORT: dict[str, Any] = {"groups": ("fit_1",), "repeats": 1, "seconds": 1.5}
+
+
+def prepare(folder: Path, **options: Any) -> tuple[list[Experiment], Hypothesis]:
+    dataset = load_dataset(joint.write_dataset(folder, **options))
+    numbers = tuple(dataset.nominal_numbers.items())
+    hypothesis = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), (), (), (), numbers)
+    return prepare_experiments(dataset, split_dataset(dataset)), hypothesis
+
+
+def test_true_parameters_leave_only_noise(tmp_path: Path) -> None:
+    experiments, hypothesis = prepare(tmp_path, true_numbers=TRUE_NUMBERS, uncertain=UNCERTAIN, **SHORT)
+    x = [1.5, 1.2, 0.0]  # standard deviations from the declared numbers to the true ones
+    (setup,) = hypothesis.build_setups(np.array(x), experiments)
+    response = simulate_extrapolated(setup, experiments[0])
+    residual = experiments[0].measured["angle_joint"].value - observe(setup, experiments[0], response)["angle_joint"]
+    assert np.degrees(np.sqrt(np.mean(residual**2))) == pytest.approx(joint.NOISE["angle_joint"], rel=0.15)
+
+
+def test_channels_of_a_mechanism_have_units() -> None:
+    assert CHANNEL_UNITS["angle_joint"] == ("deg", pytest.approx(np.pi / 180.0))
+    assert CHANNEL_UNITS["pressure_flexor"] == ("bar", 1e5)
+    assert "ankle_angle" in CHANNEL_UNITS
+    assert "nonsense" not in CHANNEL_UNITS
+
+
+def test_experiment_offers_what_every_rig_offers(tmp_path: Path) -> None:
+    (experiment,), hypothesis = prepare(tmp_path, measured=("angle_joint", "force_flexor"), **SHORT)
+    assert isinstance(experiment, MechanismExperiment)
+    assert experiment.informative_channels == ("angle_joint", "force_flexor")
+    assert experiment.length_range > 1e-3
+    assert experiment.coarse_variant.dt == 2.0 * experiment.dt
+    assert set(experiment.compute_covariates()) == {"pressure", "pressure change", "time", "length", "speed"}
+    assert "pressure command extensor" in experiment.prescribed_input.label
+    assert experiment.input_variants
+    more, _, late = experiment.perturb_inputs(lambda values: np.concatenate([values[:4], values[:-4]]))
+    assert isinstance(more, MechanismExperiment)
+    assert isinstance(late, MechanismExperiment)
+    assert more.inputs["pressure_command_flexor"] == pytest.approx(experiment.inputs["pressure_command_flexor"] + 2e3)
+    nominal, built = SimulationSetup(PAIR.parameters), hypothesis.build_setups(np.zeros(0), [experiment])[0]
+    first, second = experiment.simulate(nominal), experiment.simulate(built)
+    assert np.array_equal(first.read_channel("angle_joint"), second.read_channel("angle_joint"))
+
+
+def test_numbers_of_one_device_and_effects_of_one_tendon_change_that_device_only(tmp_path: Path) -> None:
+    uncertain = {"flexor/tendon.slack_length_mm": 1.0, "muscle.friction_offset_n": 5.0}
+    experiments, hypothesis = prepare(tmp_path, uncertain=uncertain, **SHORT)
+    hypothesis = hypothesis.with_term(EffectTerm("leak", "orifice", tendon="extensor"))
+    setup = hypothesis.build_setups(np.array([1.5, 1.0, 0.5]), experiments)[0]
+    flexor, extensor = setup.devices
+    nominal = PAIR.parameters
+    assert flexor.tendon.slack_length == pytest.approx(nominal.tendon.slack_length + 1.5e-3)
+    assert extensor.tendon.slack_length == nominal.tendon.slack_length
+    assert flexor.muscle.friction_offset == extensor.muscle.friction_offset != nominal.muscle.friction_offset
+    assert flexor.effects[0] == 0.0
+    assert extensor.effects[0] == 1.0
+    assert str(hypothesis.terms[0]) == "leak of extensor"
+
+
+def test_numbers_of_a_trial_keep_the_relative_error(tmp_path: Path) -> None:
+    folder = joint.write_dataset(tmp_path, uncertain={"model.geom.load.mass": "10 %"}, **SHORT)
+    text = (folder / "dataset.toml").read_text() + '[trial.numbers]\n"model.geom.load.mass" = 2.0\n'
+    (folder / "dataset.toml").write_text(text)
+    dataset = load_dataset(folder)
+    experiments = prepare_experiments(dataset, split_dataset(dataset))
+    numbers = tuple(dataset.nominal_numbers.items())
+    hypothesis = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), (), (), (), numbers)
+    setup = hypothesis.build_setups(np.array([1.0]), experiments)[0]
+    assert dict(setup.model_numbers) == pytest.approx({"model.geom.load.mass": 2.2})
+
+
+def test_channel_bound_to_nothing_is_one_sentence(tmp_path: Path) -> None:
+    folder = joint.write_dataset(tmp_path, **SHORT)
+    for path in folder.iterdir():
+        path.write_text(path.read_text().replace("angle_joint", "angle_elbow"))
+    dataset = load_dataset(folder)
+    with pytest.raises(InputError, match="'angle_elbow' belongs to no hinge joint; there are: joint"):
+        prepare_experiments(dataset, split_dataset(dataset))
+
+
+def test_numbers_of_model_and_devices_are_recovered(tmp_path: Path) -> None:
+    options = {**SHORT, "repeats": 2, "seconds": 3.0}
+    truth = PAIR.with_changes({"muscle.friction_offset_n": -28.0})
+    experiments, _ = prepare(
+        tmp_path, truth={"flexor": truth, "extensor": truth}, true_numbers=TRUE_NUMBERS, uncertain=UNCERTAIN, **options
+    )
+    simulator = Simulator(2)
+    fit, _ = fit_base_device(load_dataset(tmp_path), experiments, simulator)
+    simulator.close()
+    mass, damping, offset = fit.values
+    assert mass == pytest.approx(1.15, rel=0.03)
+    assert damping == pytest.approx(0.08, rel=0.15)
+    assert offset == pytest.approx(-28.0, abs=6.0)
+
+
+@pytest.mark.slow
+def test_effect_of_one_device_is_named_and_files_come_out(tmp_path: Path) -> None:
+    truth = {"flexor": PAIR.with_effect("pressure_lag", time_constant_s=0.06)}
+    folder = joint.write_dataset(tmp_path / "data", truth=truth, true_numbers=TRUE_NUMBERS, uncertain=UNCERTAIN)
+    result = diagnose(folder, only=["pressure_lag", "leak", "regulator_error", "braid_hysteresis", "sensor_lag"])
+    assert result.verdict == "identified"
+    (effect,) = result.effects
+    assert effect.name == "pressure_lag"
+    assert effect.parameters["time_constant_s"].value == pytest.approx(0.06, rel=0.03)
+    output = result.save(tmp_path / "out")
+    verdict = json.loads((output / "verdict.json").read_text())
+    assert verdict["effects"][0]["tendon"] == "flexor"
+    assert verdict["gap"]["angle_joint"]["after"] < 1.15 * verdict["gap"]["angle_joint"]["floor"]
+    assert "pressure_lag" in load_device(output / "device-flexor.toml").spec.effects
+    assert not load_device(output / "device-extensor.toml").spec.effects
+    numbers = collect_model_numbers(load_model_file(output / "model.xml").make_spec())
+    assert numbers["model.geom.load.mass"] == pytest.approx(1.15, rel=0.02)
+
+
+@pytest.mark.slow
+def test_nothing_is_missing_where_only_numbers_are_uncertain(tmp_path: Path) -> None:
+    folder = joint.write_dataset(tmp_path, true_numbers=TRUE_NUMBERS, uncertain=UNCERTAIN)
+    assert diagnose(folder, only=["pressure_lag", "leak", "sensor_gain"]).verdict == "nothing-missing"
