@@ -19,6 +19,11 @@ from klute_sim.diagnosis.noise.repeats import (
     group_repeats,
     list_channels,
 )
+from klute_sim.diagnosis.recording_faults import (
+    describe_copied_pressures,
+    find_copied_pressures,
+    find_drifting_repeats,
+)
 from klute_sim.types import Array
 
 MIN_TOTAL_TIME = 2.0
@@ -47,7 +52,7 @@ class UsableData(NamedTuple):
 
 
 def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simulator: Simulator) -> UsableData:
-    """Remove dead channels, saturated samples, inconsistent repeats and channels without repeats.
+    """Remove dead channels, copied commands, saturated samples, inconsistent repeats and channels without repeats.
 
     Test trials lose the channels that are excluded everywhere and are not examined otherwise.
     """
@@ -57,6 +62,8 @@ def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simu
         remove_saturated_samples(experiments, for_fit), pair_trials_with_channels(experiments, dead)
     )
     remarks = [f"{reason}; it is not used." for reason in dead.values()] + [f"{remark}." for remark in saturated]
+    copied, copied_remarks = _find_copied_channels(dataset, usable)
+    usable, remarks = remove_channels(usable, copied), remarks + copied_remarks
 
     examined = [e for e in usable if e.use != "test" and e.measured]
     if not any(e.use == "fit" for e in examined):
@@ -66,6 +73,7 @@ def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simu
     contradicted, problems = find_contradicted_channels(examined, residuals)
     usable = remove_channels(usable, contradicted)
     remarks += dict.fromkeys(contradicted.values())
+    remarks += [drift.sentence for drift in find_drifting_repeats(examined, residuals)]
 
     unrepeated = find_unrepeated_channels([e for e in usable if e.use == "fit"])
     usable = remove_channels(usable, pair_trials_with_channels(usable, unrepeated))
@@ -79,6 +87,19 @@ def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simu
         [*remarks, *find_limitations(fit_experiments)],
         [*problems, *find_blocking_problems(fit_experiments, judges_supply=is_supply_only(experiments))],
     )
+
+
+def _find_copied_channels(
+    dataset: Dataset, experiments: Sequence[Experiment]
+) -> tuple[set[tuple[str, str]], list[str]]:
+    """Return (trial, channel) of each pressure that is the command, and a remark; test trials follow if all are so."""
+    names = {e.name for e in experiments if e.use != "test" and "pressure" in e.measured}
+    copied = find_copied_pressures([trial for trial in dataset.trials if trial.name in names])
+    if not copied:
+        return set(), []
+    removed = {e.name for e in experiments} if copied == names else copied
+    remark = describe_copied_pressures(sorted(copied), len(names))
+    return {(name, "pressure") for name in removed}, [remark]
 
 
 def find_blocking_problems(experiments: Sequence[Experiment], *, judges_supply: bool = False) -> list[str]:

@@ -1,0 +1,100 @@
+"""Faults of a recording that no single sample shows: a pressure that is the command, and repeats that drift."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from klute_sim.datasets.trial import Trial
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
+from klute_sim.diagnosis.noise.repeats import Residuals, align_repeats, list_channels
+
+COMMAND_TOLERANCE = 1e-4
+"""Difference between pressure and command, relative to the largest command, up to which they are the same number
+(assumed: no gauge and no regulator agree with a command as closely, digits of a file do)."""
+MIN_EQUAL_FRACTION = 0.99
+"""Fraction of the samples of a pressure that equal the command where it is a copy; steps may fall between samples."""
+MIN_COMMAND = 0.5e5
+"""Largest command [Pa] below which a vented gauge equals its command by right (assumed)."""
+MAX_ORDER_PROBABILITY = 0.02
+"""Largest probability that exchangeable repeats have the observed order by chance (assumed)."""
+
+
+def find_copied_pressures(trials: Sequence[Trial]) -> set[str]:
+    """Return the names of the trials whose measured pressure is the command."""
+    return {trial.name for trial in trials if _is_pressure_copied(trial)}
+
+
+def _is_pressure_copied(trial: Trial) -> bool:
+    command, pressure = trial.prescribed["pressure_command"], trial.measured.get("pressure")
+    if pressure is None or np.abs(command.value).max() < MIN_COMMAND:
+        return False
+    is_known = np.isfinite(pressure.value) & (pressure.time >= command.time[0]) & (pressure.time <= command.time[-1])
+    if not is_known.any():
+        return False
+    expected = np.interp(pressure.time[is_known], command.time, command.value)
+    difference = np.abs(pressure.value[is_known] - expected)
+    is_equal = difference <= COMMAND_TOLERANCE * np.abs(command.value).max()
+    return bool(np.mean(is_equal) >= MIN_EQUAL_FRACTION)
+
+
+def describe_copied_pressures(names: Sequence[str], n_trials: int) -> str:
+    """Return the sentence about the trials ``names``, of ``n_trials`` that were examined."""
+    place = "in all trials" if len(names) == n_trials else f"in {', '.join(names)}"
+    return (
+        f"'pressure' equals 'pressure_command' {place}: it is the command and not a measurement, so it is not used. "
+        "Record a gauge at the device."
+    )
+
+
+class RepeatDrift(NamedTuple):
+    """Shift of one channel from the first to the last repeat, in the order of the dataset."""
+
+    channel: str
+    """Measured channel."""
+    shift: float
+    """Median shift over the groups [SI]."""
+    noise: float
+    """Median standard deviation of the noise within a repeat [SI]."""
+    n_groups: int
+    """Number of groups of repeats."""
+
+    @property
+    def sentence(self) -> str:
+        """What was seen, and how to avoid it."""
+        unit, si = CHANNEL_UNITS[self.channel]
+        place = "the repeats" if self.n_groups == 1 else f"the repeats of all {self.n_groups} groups"
+        return (
+            f"From the first to the last of {place}, {self.channel.replace('_', ' ')} drifts by {self.shift / si:.3g} "
+            f"{unit}, {abs(self.shift) / self.noise:.1f} times the noise: device or sensor warm up or creep. Run them "
+            "in before you record, and record repeats in random order; until then this drift counts as noise."
+        )
+
+
+def find_drifting_repeats(experiments: Sequence[Experiment], residuals: Residuals) -> list[RepeatDrift]:
+    """Return the channels whose repeats shift from first to last, always in one direction and by more than their noise.
+
+    A shift is that of the mean residual of a repeat. Exchangeable repeats of a group of n have one of the two monotonic
+    orders with the probability ``2 / n!``, and those of all groups have the same one with ``2 / (n1! n2! ...)``: an
+    exact permutation test, which :data:`MAX_ORDER_PROBABILITY` decides. It needs 5 repeats of one group, or 2 of each
+    of seven groups.
+    """
+    drifts = []
+    for channel in list_channels(experiments):
+        shifts, noises, probability = [], [], 2.0
+        directions = set()
+        for repeats in align_repeats(experiments, residuals, channel):
+            means = repeats.residuals.mean(axis=1)
+            steps = np.diff(means)
+            directions |= set(np.sign(steps).tolist())
+            shifts.append(float(means[-1] - means[0]))
+            noises.append(float(np.std(repeats.deviations - repeats.deviations.mean(axis=1, keepdims=True))))
+            probability /= math.factorial(len(means))
+        is_ordered = len(directions) == 1 and probability <= MAX_ORDER_PROBABILITY
+        if not is_ordered:
+            continue
+        shift, noise = float(np.median(shifts)), float(np.median(noises))
+        if abs(shift) > noise > 0.0:
+            drifts.append(RepeatDrift(channel, shift, noise, len(shifts)))
+    return drifts

@@ -1,0 +1,121 @@
+"""Pressures that are commands, and repeats that drift; neither is reported of clean data."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from klute_sim.datasets.dataset import load_dataset, split_dataset
+from klute_sim.diagnosis.data_quality import select_usable_data
+from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.recording_faults import find_copied_pressures, find_drifting_repeats
+from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats, write_dataset
+
+
+def make_groups(n_groups: int, n_repeats: int, shift: float, seed: int) -> tuple[list[Experiment], list[dict]]:
+    """Return repeats whose force shifts by ``shift`` [N] from one to the next, beside correlated noise of 3 N."""
+    rng = np.random.default_rng(seed)
+    experiments: list[Experiment] = []
+    for group in range(n_groups):
+        noise = [make_correlated_noise(rng, 400, 3.0, 0.02) + k * shift for k in range(n_repeats)]
+        experiments += make_repeats(noise, f"g{group}")
+    return experiments, [{"force": e.measured["force"].value} for e in experiments]
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from([(1, 5), (3, 3), (7, 2)]), st.sampled_from([-5.0, 5.0]), st.integers(0, 1000))
+def test_drift_beyond_the_noise_is_found(shape: tuple[int, int], shift: float, seed: int) -> None:
+    (drift,) = find_drifting_repeats(*make_groups(*shape, shift, seed))
+    assert drift.channel == "force"
+    assert drift.shift == pytest.approx(shift * (shape[1] - 1), abs=3.0)
+    assert drift.noise == pytest.approx(3.0, rel=0.3)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.sampled_from([(1, 5), (3, 3), (7, 2), (1, 2), (4, 4)]), st.integers(0, 1000))
+def test_noise_is_no_drift(shape: tuple[int, int], seed: int) -> None:
+    assert find_drifting_repeats(*make_groups(*shape, 0.0, seed)) == []
+
+
+def test_few_or_unordered_repeats_are_no_drift() -> None:
+    """Zeros that differ from trial to trial are ordered by chance in few groups, and in no order in many."""
+    for shape in ((1, 2), (1, 4), (2, 3), (5, 2)):
+        assert find_drifting_repeats(*make_groups(*shape, 5.0, 0)) == []
+    rng = np.random.default_rng(1)
+    zeros = rng.normal(0.0, 10.0, (7, 3))
+    experiments, residuals = make_groups(7, 3, 0.0, 1)
+    shifted = [{"force": row["force"] + zero} for row, zero in zip(residuals, zeros.ravel(), strict=True)]
+    assert find_drifting_repeats(experiments, shifted) == []
+
+
+def select(folder: Path) -> tuple[list[Experiment], list[str]]:
+    dataset = load_dataset(folder)
+    experiments = prepare_experiments(dataset, split_dataset(dataset))
+    usable = select_usable_data(dataset, experiments, Simulator(1))
+    return usable.experiments, usable.remarks
+
+
+def change_columns(file: Path, change: dict[str, object]) -> None:
+    """Replace columns of a trial file; values are functions of the table by heading."""
+    headings = file.read_text("utf-8").splitlines()[0].split(",")
+    table = np.loadtxt(file, delimiter=",", skiprows=1)
+    columns = dict(zip(headings, table.T, strict=True))
+    for heading, function in change.items():
+        columns[heading] = function(columns)
+    rows = "\n".join(",".join(f"{x:.9g}" for x in row) for row in np.array(list(columns.values())).T)
+    file.write_text(",".join(headings) + "\n" + rows + "\n", "utf-8")
+
+
+def test_clean_data_raise_no_remark(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "clean", groups=("fit_1", "fit_2", "test_1"), repeats=3, seconds=1.5)
+    experiments, remarks = select(folder)
+    assert remarks == []
+    assert all(e.measured.keys() == {"force", "pressure"} for e in experiments)
+
+
+def test_pressure_that_is_the_command_is_not_used(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "copied", groups=("fit_1", "fit_2", "test_1"), seconds=1.5)
+    for file in folder.glob("*.csv"):
+        change_columns(file, {"pressure [bar]": lambda columns: columns["pressure_command [bar]"]})
+    experiments, remarks = select(folder)
+    assert remarks == [
+        "'pressure' equals 'pressure_command' in all trials: it is the command and not a measurement, so it is not "
+        "used. Record a gauge at the device."
+    ]
+    assert all(e.measured.keys() == {"force"} for e in experiments)  # also in the test trials
+
+
+def test_only_the_copied_pressure_of_a_trial_is_removed(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "one", groups=("fit_1", "test_1"), repeats=3, seconds=1.5)
+    copy = {"pressure [bar]": lambda columns: columns["pressure_command [bar]"]}
+    change_columns(folder / "fit_1_0.csv", copy)
+    experiments, remarks = select(folder)
+    assert "'pressure' equals 'pressure_command' in fit_1_0:" in remarks[0]
+    assert [e.name for e in experiments if "pressure" not in e.measured] == ["fit_1_0"]
+    gauge = {"pressure [bar]": lambda columns: np.round(columns["pressure_command [bar]"], 1) + 0.01}
+    change_columns(folder / "fit_1_0.csv", gauge)
+    assert find_copied_pressures(load_dataset(folder).trials) == set()
+
+
+def test_vented_gauge_is_no_copy(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "vented", groups=("fit_1", "test_1"), seconds=1.5)
+    zeros = dict.fromkeys(("pressure [bar]", "pressure_command [bar]"), lambda columns: 0.0 * columns["time [s]"])
+    for file in folder.glob("*.csv"):
+        change_columns(file, zeros)
+    assert find_copied_pressures(load_dataset(folder, accept=["force-unit"]).trials) == set()
+
+
+def test_warming_up_is_reported(tmp_path: Path) -> None:
+    groups = ("fit_1", "fit_2", "fit_3", "test_1")
+    folder = write_dataset(tmp_path / "warm", groups=groups, repeats=3, seconds=1.5)
+    for file in folder.glob("*.csv"):
+        warmth = 0.02 * int(file.stem[-1])
+        change_columns(file, {"force [N]": lambda columns, w=warmth: columns["force [N]"] * (1.0 - w)})
+    _, remarks = select(folder)
+    (remark,) = [remark for remark in remarks if "drifts" in remark]
+    assert remark.startswith("From the first to the last of the repeats of all 3 groups, force drifts by -")
+    assert "record repeats in random order" in remark
