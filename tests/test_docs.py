@@ -1,5 +1,6 @@
 """Tests of the documentation: every command and every Python block runs, and tables are complete."""
 
+import contextlib
 import os
 import re
 import subprocess
@@ -15,6 +16,8 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(console|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 SLOW_PAGES = {"compare.md", "design.md", "diagnose.md", "dissertation.md", "import.md", "python.md", "tuning.md"}
 """Pages with commands of many seconds, such as whole diagnoses."""
+PAGES_WITH_OWN_PROCESS = {"README.md", "effects.md", "python.md"}
+"""Pages whose Python starts as a user's process does, or adds effects to the law, which a process builds once."""
 BLOCKS = [
     pytest.param(
         page.name, kind, text, id=f"{page.name}-{number}", marks=[pytest.mark.slow] if page.name in SLOW_PAGES else []
@@ -29,9 +32,14 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])}
 
 
+@pytest.mark.usefixtures("in_process_runner")
 @pytest.mark.parametrize(("page", "kind", "text"), BLOCKS)
 def test_block_runs(page: str, kind: str, text: str, tmp_path: Path) -> None:
-    """Python and the README run in processes of their own; the other commands share one, which saves their imports."""
+    """Most blocks share a process, which saves their imports and lets environments share the path of the hip."""
+    if kind == "python" and page not in PAGES_WITH_OWN_PROCESS:
+        with contextlib.chdir(tmp_path):
+            exec(compile(text, page, "exec"), {"__name__": "__main__"})
+        return
     if kind == "python":
         commands = [[sys.executable, "-c", text]]
     else:

@@ -14,6 +14,7 @@ def test_baselines_have_the_foot() -> None:
     assert [baseline.device.spec.describe_foot()["name"] for baseline in baselines] == ["sach", "sach"]
 
 
+@pytest.mark.usefixtures("in_process_runner")
 def test_sweep_simulates_every_foot(tmp_path: Path) -> None:
     result = ks.sweep(feet=["rigid", "sach"], strides=1, time_step=1e-3, n_jobs=1, folder=tmp_path / "s")
     assert [row["device"] for row in result.rows] == ["klute-1-1-4-pair, rigid", "klute-1-1-4-pair, sach"]

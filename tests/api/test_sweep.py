@@ -8,6 +8,8 @@ import klute_sim as ks
 from klute_sim.parameter_sweep.store import RESULTS_FOLDER
 from tests.gait.reference_files import write_reference_folder
 
+pytestmark = pytest.mark.usefixtures("in_process_runner")
+
 
 def test_sweep_returns_rows_and_resumes_in_its_folder(tmp_path: Path) -> None:
     reports: list[tuple[float, str]] = []

@@ -136,6 +136,7 @@ def test_device_of_the_tuning_uses_the_supply_of_the_preset() -> None:
     assert baseline.device.parameters.supply.max_pressure <= 5e5
 
 
+@pytest.mark.usefixtures("in_process_runner")
 def test_command_writes_the_table_and_can_be_resumed(tmp_path: Path) -> None:
     arguments = ("--only", "spring-foot-6", "--only", "machine", *QUICK, "--out", "b")
     done = run("baselines", *arguments, "--json", cwd=tmp_path)
@@ -159,6 +160,7 @@ def test_command_writes_the_table_and_can_be_resumed(tmp_path: Path) -> None:
     assert sorted((tmp_path / "b" / RESULTS_FOLDER).iterdir()) == files
 
 
+@pytest.mark.usefixtures("in_process_runner")
 def test_own_controllers_of_an_imported_subject_stand_beside_the_baselines(tmp_path: Path) -> None:
     write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66)
     load_device(DEFAULT_DEVICE).with_changes({"tendon.stiffness_1_n_per_mm": 90.0}).save(tmp_path / "my.toml")

@@ -160,7 +160,8 @@ def test_missing_rerun_is_named_and_all_other_files_are_written(tmp_path: Path) 
     (tmp_path / "rerun").mkdir()
     (tmp_path / "rerun" / "__init__.py").write_text("raise ImportError('not here')")
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    done = run_in_subprocess("gait", "--strides", "1", "--out", "r", cwd=tmp_path, PYTHONPATH=paths)
+    arguments = ("--strides", "1", "--step", "1", "--learning-strides", "0", "--out", "r")
+    done = run_in_subprocess("gait", *arguments, cwd=tmp_path, PYTHONPATH=paths)
     assert done.returncode == 0, done.stderr
     assert "pip install '.[rerun]'" in done.stderr
     names = {file.name for file in (tmp_path / "r").iterdir()}
@@ -200,7 +201,7 @@ def test_ctrl_c_leaves_no_half_written_run(tmp_path: Path) -> None:
         "    return measure(*arguments)\n"
         "GaitMeasurements.measure = measure_and_interrupt\n"
         "from klute_sim.cli import main\n"
-        "main(['gait', '--strides', '2', '--out', 'r'])\n"
+        "main(['gait', '--strides', '1', '--step', '1', '--learning-strides', '0', '--out', 'r'])\n"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 130
@@ -218,7 +219,7 @@ def test_full_disk_is_one_sentence_and_leaves_no_file(tmp_path: Path) -> None:
         "    path.write_bytes(b'half'); raise OSError(errno.ENOSPC, 'No space left on device')\n"
         "parquet.write_recording = write_half\n"
         "from klute_sim.cli import main\n"
-        "main(['gait', '--strides', '1', '--out', 'r'])\n"
+        "main(['gait', '--strides', '1', '--step', '1', '--learning-strides', '0', '--out', 'r'])\n"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2

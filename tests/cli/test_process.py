@@ -70,7 +70,7 @@ def test_signal_leaves_no_half_written_run(name: str, tmp_path: Path) -> None:
         f"    path.write_bytes(b'half'); os.kill(os.getpid(), {number:d})\n"
         "parquet.write_recording = write_half\n"
         "from klute_sim.cli import main\n"
-        "main(['gait', '--strides', '1', '--step', '1', '--out', 'r'])\n"
+        "main(['gait', '--strides', '1', '--step', '1', '--learning-strides', '0', '--out', 'r'])\n"
     )
     done = start(code, tmp_path)
     assert done.returncode == 128 + number
@@ -126,7 +126,7 @@ def test_lack_of_memory_is_recognized(
         raise error
 
     monkeypatch.setattr("klute_sim.recording.parquet.write_recording", fail)
-    arguments = ("gait", "--strides", "1", "--step", "1", "--out", "r")
+    arguments = ("gait", "--strides", "1", "--step", "1", "--learning-strides", "0", "--out", "r")
     if is_memory:
         done = run(*arguments, cwd=tmp_path)
         assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
@@ -145,6 +145,6 @@ def test_full_disk_while_the_viewer_recording_is_written(monkeypatch: pytest.Mon
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(stream, "write_atomically", fail)
-    done = run("gait", "--strides", "1", "--step", "1", "--out", "r", cwd=tmp_path)
+    done = run("gait", "--strides", "1", "--step", "1", "--learning-strides", "0", "--out", "r", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (2, "klute-sim: the disk is full: r was not written\n")
     assert list(tmp_path.iterdir()) == []

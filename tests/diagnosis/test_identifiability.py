@@ -63,6 +63,7 @@ def test_second_gauge_separates_sensor_from_regulator(
     )
 
 
+@pytest.mark.slow
 def test_incompatible_effects_have_no_signature() -> None:
     bench = Simulator(2)
     bare = compute_identifiability(load_device("klute-3-4"), bench)

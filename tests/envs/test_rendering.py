@@ -17,7 +17,8 @@ needs_library = pytest.mark.skipif(not any(LIBRARIES.values()), reason="neither 
 PICTURE = """
 import mujoco  # before klute_sim, so that MuJoCo has already made its choice
 import gymnasium, klute_sim, numpy as np
-env = gymnasium.make("klute_sim/AnkleGait-v2", render_mode="rgb_array", width=64, height=48)
+options = {"strides": 1, "time_step": 1e-3, "width": 64, "height": 48}
+env = gymnasium.make("klute_sim/AnkleGait-v2", render_mode="rgb_array", **options)
 env.reset(seed=0)
 env.step(np.zeros(1, dtype=np.float32))
 picture = env.render()
