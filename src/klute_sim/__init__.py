@@ -31,7 +31,7 @@ _MODULES = {
         "plan_measurements",
     ),
     "klute_sim.api.gait": ("GaitRun", "simulate_gait"),
-    "klute_sim.api.joint": ("JointRun", "simulate_joint"),
+    "klute_sim.api.joint": ("JointRun", "export_mjcf", "simulate_joint"),
     "klute_sim.api.mocap": ("DatasetImport", "GaitImport", "export_run", "import_dataset", "import_gait"),
     "klute_sim.api.reproduction": ("ReproductionResult", "reproduce"),
     "klute_sim.api.sweep": ("SweepResult", "sweep"),

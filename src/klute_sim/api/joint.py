@@ -1,4 +1,4 @@
-"""Test devices on a joint or a free load: :func:`simulate_joint` and its result :class:`JointRun`."""
+"""Devices on a joint, a free load or in another model: :func:`simulate_joint` and :func:`export_mjcf`."""
 
 import json
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ from klute_sim.api.inputs import DeviceLike, ignore_progress, to_device
 from klute_sim.api.optional import import_pandas
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.errors import InputError, suggest
+from klute_sim.mechanism.export import format_mjcf
 from klute_sim.mechanism.mounting import mount_devices
 from klute_sim.mechanism.protocols import ProtocolSettings
 from klute_sim.mechanism.run import JointTestResult, run_joint_test
@@ -164,6 +165,39 @@ def simulate_joint(
         file, devices, all_numbers, test, settings, dt=time_step, progress=progress or ignore_progress
     )
     return JointRun(result)
+
+
+def export_mjcf(
+    device: DeviceLike | Mapping[str, DeviceLike] = DEFAULT_DEVICE,
+    folder: str | Path | None = None,
+    *,
+    model: str | Path = "hanging_mass",
+    numbers: Mapping[str, float] | None = None,
+) -> Path:
+    """Write ``model`` as an MJCF file with a device on every tendon; return the folder.
+
+    MuJoCo alone loads ``model.xml``, and the devices give no force there. Inside
+    :func:`klute_sim.plant.callbacks.device_callbacks` they do. The folder also holds the device file of each tendon.
+
+    Args:
+        device: Device, preset or path for all tendons, or a mapping from tendons to devices.
+        folder: New or empty folder. None: the next ``runs/export-NNN``.
+        model: Model of the package, whose frame is moved to fit the devices, or the path of an MJCF file.
+        numbers: Changed numbers of the model.
+
+    Raises InputError when an input is not usable.
+    """
+    file = load_model_file(model)
+    tendons = [tendon.name for tendon in file.make_spec().tendons if tendon.name]
+    if not tendons:
+        raise InputError(f"{file.path} has no tendon with a name, so nothing can carry a device")
+    devices = {name: to_device(entry) for name, entry in _assign_devices(device, tendons).items()}
+    text = format_mjcf(file, devices, {**mount_devices(file, devices), **(numbers or {})})
+    with create_run_folder("export", folder) as (final_folder, scratch):
+        (scratch / "model.xml").write_text(text, "utf-8")
+        for name, tendon_device in devices.items():
+            (scratch / f"{name}.toml").write_bytes(tendon_device.content)
+    return final_folder
 
 
 def _assign_devices(device: DeviceLike | Mapping[str, DeviceLike], tendons: list[str]) -> dict[str, DeviceLike]:

@@ -8,7 +8,7 @@ import click
 from klute_sim.cli import common
 from klute_sim.cli.common import NonEmptyPath
 
-FILE_FORMATS = ("mot", "sto", "trc", "log", "csv", "parquet")
+FILE_FORMATS = ("mot", "sto", "trc", "log", "csv", "parquet", "mjcf")
 
 
 @click.command("export")
@@ -29,12 +29,19 @@ FILE_FORMATS = ("mot", "sto", "trc", "log", "csv", "parquet")
     show_default=True,
     help="Body side in the names of the exported quantities.",
 )
+@click.option(
+    "--model",
+    type=NonEmptyPath(),
+    default=None,
+    metavar="NAME|FILE",
+    help="For --format mjcf: model of the package or MJCF file whose tendons get the device.  [default: hanging_mass]",
+)
 @common.out_option("export", "the files")
-def command(run: Path, formats: tuple[str, ...], side: Any, out: Path | None) -> None:
-    """Export motion and loads of a run for other programs.
+def command(run: Path, formats: tuple[str, ...], side: Any, model: Path | None, out: Path | None) -> None:
+    """Export motion and loads of a run for other programs, or a device as MJCF.
 
-    RUN is a folder of klute-sim gait, or of klute-sim import, whose mean stride is exported. Writes the files of each
-    chosen format:
+    RUN is a folder of klute-sim gait, or of klute-sim import, whose mean stride is exported; with --format mjcf it is a
+    device. Writes the files of each chosen format:
 
     \b
       mot            joint angles and ground reaction, as in OpenSim
@@ -42,6 +49,7 @@ def command(run: Path, formats: tuple[str, ...], side: Any, out: Path | None) ->
       trc            virtual markers, as in OpenSim
       log            channels that the prosthesis would log
       csv, parquet   all channels
+      mjcf           a MuJoCo model with the device on each tendon (docs/mechanisms.md)
 
     "As in OpenSim" means its names, axes and signs; the other formats keep the names of klute-sim.
 
@@ -49,9 +57,23 @@ def command(run: Path, formats: tuple[str, ...], side: Any, out: Path | None) ->
     Examples:
       klute-sim export runs/gait-001
       klute-sim export runs/gait-001 --format trc --format mot --out for-opensim
+      klute-sim export klute-3-4-pair --format mjcf --model my-arm.xml
     """
-    from klute_sim.api.mocap import export_run
     from klute_sim.cli.console import stdout_console
+    from klute_sim.errors import InputError
+
+    if "mjcf" in formats:
+        if set(formats) != {"mjcf"}:
+            raise InputError("--format mjcf exports a device, the other formats a run; give it alone")
+        from klute_sim.api.joint import export_mjcf
+
+        folder = export_mjcf(run, out, model=model or "hanging_mass")
+        files = sorted(file.name for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
+        stdout_console().print(f"Exported: {folder}  ({', '.join(files)})", soft_wrap=True)
+        return
+    if model is not None:
+        raise InputError("--model belongs to --format mjcf")
+    from klute_sim.api.mocap import export_run
 
     folder, files = export_run(run, out, formats=formats, side=side)
     stdout_console().print(f"Exported: {folder}  ({', '.join(files)})", soft_wrap=True)

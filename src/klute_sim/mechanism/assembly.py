@@ -141,7 +141,7 @@ class Mechanism:
         spec = self.spec.copy()
         set_model_numbers(spec, numbers)
         spec.option.timestep = dt
-        actuators = {self._prepare_actuator(spec, name): parameters for name, parameters in devices.items()}
+        actuators = {prepare_actuator(spec, name): parameters for name, parameters in devices.items()}
         for name, parameters in devices.items():
             _stop_at_resting_length(spec.tendon(name), parameters)
         for binding in self.bindings.values():
@@ -154,22 +154,6 @@ class Mechanism:
         except ValueError as error:
             raise InputError(f"the model {self.file.path} cannot be compiled: {error}") from None
 
-    def _prepare_actuator(self, spec: mujoco.MjSpec, device: str) -> str:
-        """Return the name of the actuator on the tendon of ``device``; it is added where there is none."""
-        user_bias = mujoco.mjtBias.mjBIAS_USER
-        for actuator in spec.actuators:
-            if actuator.target == device and actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
-                if actuator.biastype == user_bias:
-                    return str(actuator.name)
-                raise InputError(
-                    f"tendon '{device}' carries the actuator '{actuator.name}' of MuJoCo beside a device; remove it"
-                )
-        actuator = spec.add_actuator(name=device, target=device, trntype=mujoco.mjtTrn.mjTRN_TENDON)
-        actuator.dyntype, actuator.biastype = mujoco.mjtDyn.mjDYN_USER, user_bias
-        actuator.gaintype, actuator.actdim = mujoco.mjtGain.mjGAIN_FIXED, N_BASE_STATES
-        actuator.gainprm[0] = 0.0
-        return device
-
     def find_actuator(self, model: mujoco.MjModel, device: str) -> str:
         """Return the name of the actuator of ``device`` in a compiled ``model``."""
         tendon = model.tendon(device).id
@@ -178,6 +162,23 @@ class Mechanism:
             if is_tendon and model.actuator_trnid[index, 0] == tendon:
                 return str(model.actuator(index).name)
         raise InputError(f"the model has no actuator on tendon '{device}'")
+
+
+def prepare_actuator(spec: mujoco.MjSpec, device: str) -> str:
+    """Return the name of the actuator on the tendon of ``device``; it is added where there is none."""
+    user_bias = mujoco.mjtBias.mjBIAS_USER
+    for actuator in spec.actuators:
+        if actuator.target == device and actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
+            if actuator.biastype == user_bias:
+                return str(actuator.name)
+            raise InputError(
+                f"tendon '{device}' carries the actuator '{actuator.name}' of MuJoCo beside a device; remove it"
+            )
+    actuator = spec.add_actuator(name=device, target=device, trntype=mujoco.mjtTrn.mjTRN_TENDON)
+    actuator.dyntype, actuator.biastype = mujoco.mjtDyn.mjDYN_USER, user_bias
+    actuator.gaintype, actuator.actdim = mujoco.mjtGain.mjGAIN_FIXED, N_BASE_STATES
+    actuator.gainprm[0] = 0.0
+    return device
 
 
 def _stop_at_resting_length(tendon: mujoco.MjsTendon, parameters: DeviceParameters) -> None:
