@@ -20,13 +20,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from benchmarks.hidden_effects import walks
+from benchmarks.hidden_effects.catalogue import EXACT_TWINS
 from benchmarks.hidden_effects.follow_up import make_follow_up
 from benchmarks.hidden_effects.generate import make_dataset
 from benchmarks.hidden_effects.metrics import DatasetResult
@@ -109,7 +110,7 @@ class BenchmarkRun:
         if not truth_file.exists():
             arguments = {key: value for key, value in spec.items() if key != "name"}
             (walks.make_dataset if is_gait else make_dataset)(dataset, **arguments, truth=truth_file)
-        excluded = tuple(e["name"] for e in spec["effects"]) if spec.get("deleted") else ()
+        excluded = list_excluded(spec["effects"]) if spec.get("deleted") else ()
         verdict = load_or_compute(
             self._result_path(name, self._code_digests[is_gait]),
             partial(run_diagnosis, dataset, excluded, self._n_jobs),
@@ -145,6 +146,12 @@ class BenchmarkRun:
         with tempfile.TemporaryDirectory() as folder:
             make_follow_up(dataset, truth, verdict["next_experiment"], Path(folder) / "again")
             return run_diagnosis(Path(folder) / "again", excluded, self._n_jobs)
+
+
+def list_excluded(effects: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return the names that the diagnosis must not know: those of ``effects`` and of their exact twins."""
+    names = [effect["name"] for effect in effects]
+    return (*names, *(twin for name in names for twin in EXACT_TWINS.get(name, ())))
 
 
 def load_baselines() -> dict[str, Callable[..., Verdict]]:
