@@ -149,7 +149,7 @@ BODY_EFFECTS: Forms = {
 VALVE_EFFECTS = {"leak"}
 """Effects that a regulator compensates; they are hidden in a device with a known valve."""
 EXACT_TWINS = {"braid_hysteresis": ("seal_friction",)}
-"""Effect -> effects of the public catalogue with a form that contains it: a seal that rubs in proportion to the pressure
+"""Effect -> effects of the public catalogue with a form that contains it: a seal that rubs in proportion to pressure
 is a braid that does. An effect that is to be in no catalogue is removed together with them."""
 KNOWN_VALVE: dict[str, Any] = {
     "name": "choked_valve",
