@@ -31,7 +31,7 @@ def test_effect_that_numbers_imitate_far_from_their_priors_is_screened(tmp_path:
     every = [e for e in prepare_experiments(data, datasets.split_dataset(data)) if e.use == "fit"]
     base, evidence = fit_base_device(data, add_noise_scales(every, every, bench)[0], bench)
     assert np.abs(base.x).max() > PRIOR_DEVIATION_SIGMAS  # the device's numbers had to go far
-    found = screen_candidates(evidence, base, list_candidate_terms(evidence, data.device))
+    found = screen_candidates(evidence, base, list_candidate_terms(evidence, data))
     leaders = [one.term.effect for one in found[:MAX_PRIOR_CANDIDATES]]
     assert effect["name"] in leaders
     first = next(one for one in found if one.term.effect == effect["name"])

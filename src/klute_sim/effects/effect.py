@@ -102,6 +102,8 @@ class EffectForm:
     """Law of each hook; empty for a form that acts on a whole time series (a dead time)."""
     states: tuple[str, ...] = ()
     """Names of the internal states, which the law at ``next_state`` advances."""
+    candidate_section: str = ""
+    """Section of a device file without which a diagnosis does not propose this form, because it has no cause there."""
 
     @property
     def n_states(self) -> int:

@@ -25,7 +25,7 @@ from klute_sim.device.schema.supply import (
     Tank,
     Valve,
 )
-from klute_sim.effects.effect import Effect
+from klute_sim.effects.effect import Effect, EffectForm
 from klute_sim.errors import InputError
 from klute_sim.files.toml import validation_sentence
 from klute_sim.laws import damper as damper_law
@@ -233,6 +233,11 @@ class DeviceSpec(DeviceFileSection):
         """Return whether ``effect`` can be added to this device, which does not have it yet."""
         is_built_in = effect.replaces_switch and getattr(self.muscle, effect.replaces_switch, False)
         return effect.name not in self.effects and not is_built_in and not self.find_incompatibility(effect.name)
+
+    def list_candidate_forms(self, effect: Effect) -> list[EffectForm]:
+        """Return the forms in which this device may lack ``effect``."""
+        sections = self.list_sections()
+        return [form for form in effect.forms if not form.candidate_section or form.candidate_section in sections]
 
     def find_incompatibility(self, effect_name: str) -> str:
         """Return why ``effect_name`` contradicts the sections of this device, or ''."""

@@ -99,7 +99,7 @@ def list_candidate_terms(
         if is_supply_only(data.experiments) and not acts_on_pressure(effect):
             continue
         if effect.kind == "device" or (effect.kind == "body" and data.experiments[0].has_body):
-            terms += [EffectTerm(effect.name, form.name) for form in effect.forms]
+            terms += [EffectTerm(effect.name, form.name) for form in device.spec.list_candidate_forms(effect)]
             if effect.kind == "device" and len(data.experiments[0].devices) > 1:  # one device may have what others lack
                 tendons = data.experiments[0].devices
                 terms += [EffectTerm(effect.name, effect.forms[0].name, tendon=tendon) for tendon in tendons]

@@ -135,6 +135,8 @@ SEAL_FRICTION = Effect(
                 ),
             ),
             laws={"damper_force": pressed_seal_friction, "next_state": step_seal_displacement},
+            # The pressure is that of the muscle; the seal of a damper beside it meets the oil.
+            candidate_section="cylinder",
             states=("seal_displacement", "length"),
         ),
     ),
