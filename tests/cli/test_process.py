@@ -16,7 +16,8 @@ from klute_sim.cli import process
 from klute_sim.viewer import stream
 from tests.command_line import run
 
-DEVICE = ("device", "klute-1-1-4-pair")
+LONG_OUTPUT = ("effects", "--json")
+"""A command that starts fast and prints more than fits into a buffer."""
 posix = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
 
@@ -26,7 +27,7 @@ def start(code: str, cwd: Path | None = None) -> "subprocess.CompletedProcess[st
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-@pytest.mark.parametrize("arguments", [(*DEVICE, "--json"), ("--help",)])
+@pytest.mark.parametrize("arguments", [LONG_OUTPUT, ("--help",)])
 def test_unwritable_output_is_one_sentence(arguments: tuple[str, ...], unbuffered: str) -> None:
     with open("/dev/full", "w") as full:
         done = subprocess.run(
@@ -42,7 +43,7 @@ def test_unwritable_output_is_one_sentence(arguments: tuple[str, ...], unbuffere
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-@pytest.mark.parametrize("arguments", [(*DEVICE, "--json"), ("--help",)])
+@pytest.mark.parametrize("arguments", [LONG_OUTPUT, ("--help",)])
 def test_closed_pipe_is_silent(arguments: tuple[str, ...], unbuffered: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)
