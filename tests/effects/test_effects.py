@@ -123,10 +123,10 @@ def test_effect_has_its_signature_while_shortening_and_lengthening(slot: EffectS
     assert min(abs(shortening), abs(lengthening)) > 0.2
 
 
-def compute_absorbed_work(device: DeviceParameters, path: np.ndarray, pressure: np.ndarray) -> float:
-    """Return the work [J] done on the device along ``path`` [m], by the trapezoidal rule."""
-    trace = simulate_rollouts(device, path, pressure, STEP)
-    return float(np.sum(0.5 * (trace.tension[1:] + trace.tension[:-1]) * np.diff(path)))
+def compute_absorbed_work(device: DeviceParameters, path: np.ndarray, pressure: np.ndarray, start: int) -> float:
+    """Return the work [J] done on the device along ``path`` [m] from sample ``start`` on, by the trapezoidal rule."""
+    tension = simulate_rollouts(device, path, pressure, STEP).tension[start:]
+    return float(np.sum(0.5 * (tension[1:] + tension[:-1]) * np.diff(path[start:])))
 
 
 PASSIVE = [
@@ -154,8 +154,8 @@ def test_closed_path_at_constant_pressure_dissipates_energy(slot: EffectSlot, se
         slot, parameters, PAIR.parameters._replace(damper=PAIR.parameters.damper._replace(concentric_coefficient=3e3))
     )
     pressure = np.full(len(path), random.uniform(1e5, 5e5))
-    two_cycles, three_cycles = (compute_absorbed_work(device, path[:n], pressure[:n]) for n in (20_001, 30_000))
-    assert three_cycles - two_cycles > -2e-3
+    third_cycle = compute_absorbed_work(device, path, pressure, start=20_000)
+    assert third_cycle > -2e-3
 
 
 @pytest.mark.parametrize("form", ["coulomb", "maxwell_slip", "dahl", "bouc_wen"])
