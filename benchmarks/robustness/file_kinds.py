@@ -9,7 +9,7 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
-from benchmarks.robustness import dataset_folders
+from benchmarks.robustness import dataset_folders, expression_files
 from tests import synthetic_gait as walker
 
 from klute_sim.api.bench import simulate_bench
@@ -245,6 +245,7 @@ KINDS = {
         Kind("mat-dataset", dataset_folders.write_mat_dataset, _split),
         Kind("mat73-dataset", dataset_folders.write_hdf5_dataset, _split, library="h5py"),
         Kind("logger-dataset", dataset_folders.write_logger_dataset, _split),
+        Kind("columns", expression_files.write_expression, expression_files.use_expression),
         Kind("reference", _reference, lambda paths: reference.load_reference(paths[0].parent)),
         Kind("recording", partial(_recording, ending="parquet"), _compared, text=False),
         Kind("table", partial(_recording, ending="csv"), _compared),

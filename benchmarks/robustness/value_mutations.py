@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from benchmarks.robustness import expression_files
 from benchmarks.robustness.mat_mutations import change_mat
 
 FACTORS = (1e3, 1e-3, -1.0, 0.0, 57.29578, 0.0174533, 1e5, 1e-5, 1e15, 1e300, 1e-300)
@@ -169,5 +170,6 @@ VALUE_MUTATIONS = {
     ".parquet": change_parquet,
     ".npz": change_npz,
     ".mat": change_mat,
+    expression_files.SUFFIX: expression_files.change_expression,
 }
 """Mutation of the values by the suffix of the file."""

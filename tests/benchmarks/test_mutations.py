@@ -3,12 +3,15 @@
 import random
 import subprocess
 import sys
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
+from unittest import mock
 
 import pytest
-from benchmarks.robustness import cases, file_kinds, mutations
+from benchmarks.robustness import cases, expression_files, file_kinds, mutations
 
+from klute_sim.datasets.trial_files import expressions
 from klute_sim.errors import InputError
 
 FEW_CASES = {"c3d": 6, "mat73-dataset": 3}
@@ -45,6 +48,30 @@ def test_mutations_are_reproducible(suffix: str) -> None:
     assert mutated == [cases.mutate(content, random.Random(k), kind, suffix) for k in range(200)]
     assert sum(each != content for each in mutated) > 160
     assert len(set(mutated)) > 140
+
+
+@pytest.mark.parametrize("operator", ["+", "-", "*", "/"])
+def test_wrong_arithmetic_of_expressions_is_a_failure(
+    operator: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = expression_files.write_expression(tmp_path)
+    expression_files.use_expression(paths)
+    monkeypatch.setitem(expressions._OPERATIONS, operator, lambda left, right: left + 2.0 * right)
+    with pytest.raises(AssertionError, match="is not"):
+        expression_files.use_expression(paths)
+
+
+def test_mutated_expressions_reach_the_second_evaluation(tmp_path: Path) -> None:
+    """Most others are refused; without accepted ones, the second evaluation would compare nothing."""
+    original, results = expression_files.EXPRESSION.encode(), []
+    for number in range(60):
+        file = tmp_path / f"force{expression_files.SUFFIX}"
+        file.write_bytes(expression_files.change_expression(original, random.Random(number)))
+        with mock.patch.object(expression_files, "_compare", wraps=expression_files._compare) as compare:
+            with suppress(InputError):
+                expression_files.use_expression([file])
+            results.append(compare.called)
+    assert sum(results) > 6
 
 
 def _read_missing_text(paths: list[Path]) -> None:
