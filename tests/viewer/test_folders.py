@@ -209,7 +209,7 @@ def test_read_only_folder_is_not_changed(tmp_path: Path, monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     ("files", "message"),
     [
-        ({}, "it is not a folder of results; allowed: gait run"),
+        ({}, "it is not a folder of results; allowed: walk"),
         ({"reference.toml": "", "reference.csv": ""}, "is a gait reference, which has no view; .* 'klute-sim compare"),
         ({"assessment.html": ""}, "is an assessment, which has no view; open .* in a browser"),
         ({"comparison.json": "{}"}, r"has no comparison\.rrd: the comparison was written without"),

@@ -34,7 +34,7 @@ from klute_sim.walker.person.build import get_contact
 from klute_sim.walker.reflexes.walker_file import Walker, load_walker, select_walker
 from klute_sim.walker.simulation.simulate import WalkOptions, describe_prosthesis, simulate_walk
 
-COSTS_FILE, WALKER_FILE, SUMMARY_FILE = "costs.csv", "walker.toml", "adaptation.json"
+COSTS_FILE, WALKER_FILE, SUMMARY_FILE = "costs.csv", "adapted.toml", "adaptation.json"
 """Files in the folder of an adaptation."""
 ACCEPTANCE_FACTOR = 3.0
 """Duration of the walk that accepts a walker, over the horizon of the search."""

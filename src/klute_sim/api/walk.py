@@ -13,7 +13,7 @@ from klute_sim.api.inputs import ControllerLike, DeviceLike, ignore_progress, to
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.controllers.parse import Controller
 from klute_sim.device.device import DEFAULT_DEVICE, Device
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, MissingExtraError
 from klute_sim.gait.spring_foot import SpringFoot
 from klute_sim.recording import csv, parquet
 from klute_sim.recording.recording import Recording
@@ -101,7 +101,7 @@ class WalkRun:
     def save(self, folder: str | Path | None = None, *, with_csv: bool = False) -> Path:
         """Write the files of ``klute-sim walk`` into ``folder`` (new or empty; default: the next ``runs/walk-NNN``).
 
-        Returns the folder.
+        Returns the folder. Without the extra 'rerun', recording.rrd is left out.
         """
         with create_run_folder("walk", folder) as (final_folder, scratch):
             self.write_files(scratch, final_folder, with_csv=with_csv)
@@ -114,9 +114,15 @@ class WalkRun:
         *,
         with_csv: bool = False,
         progress: Callable[[float], None] = lambda fraction: None,
-    ) -> dict[str, Any]:
-        """Write all files into ``scratch``, which becomes ``folder``; return the content of summary.json."""
+    ) -> tuple[dict[str, Any], list[str]]:
+        """Write all files into ``scratch``, which becomes ``folder``.
+
+        Returns the content of summary.json, and sentences on optional files that are left out.
+        """
         from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.viewer.layouts import walk as layout
+
+        notes = []
 
         if self.device is not None:
             (scratch / "device.toml").write_bytes(self.device.content)
@@ -126,10 +132,17 @@ class WalkRun:
             csv.write(self.recording, scratch / "recording.csv")
         progress(0.4)
         self.plot().savefig(scratch / "report.png", dpi=COMPACT_DPI)
+        progress(0.7)
+        try:
+            layout.write_recording(
+                self.recording, layout.build_model(self.recording, scratch), scratch / "recording.rrd"
+            )
+        except MissingExtraError as error:
+            notes.append(f"No recording.rrd: {error}.")
         files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
         content = {**self.summary, "run": str(folder), "files": files}
         (scratch / "summary.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
-        return content
+        return content, notes
 
 
 def simulate_walk(

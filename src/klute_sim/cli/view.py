@@ -29,8 +29,8 @@ from klute_sim.cli.common import NonEmptyPath
 def command(path: Path, web: bool, picture: Path | None, at: float | None) -> None:
     """Open results in the rerun viewer, with a layout for their kind.
 
-    PATH is the folder of a gait run, a bench run, a comparison, a diagnosis, a sweep, a tuning or a training, or an
-    .rrd file. If the recording is missing, it is created from the other files of the folder.
+    PATH is the folder of a gait run, a walk, a bench run, a comparison, a diagnosis, a sweep, a tuning or a training,
+    or an .rrd file. If the recording is missing, it is created from the other files of the folder.
 
     --picture writes PNG files, drawn from the recording in the layout of the viewer. They are not screenshots, and 3-D
     scenes are drawn from the side.

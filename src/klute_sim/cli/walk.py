@@ -144,7 +144,8 @@ def command(
     predictions. The reflexes come from a walker file, which was adapted to one prosthesis and controller. With another
     one the walk is acute: it shows what happens before the person adapts.
 
-    Writes recording.parquet, summary.json, report.png, walker.toml and, with a device, device.toml.
+    Writes recording.parquet, summary.json, report.png, walker.toml, with a device device.toml and, with the optional
+    extra 'rerun', recording.rrd.
 
     \b
     Examples:
@@ -167,14 +168,14 @@ def command(
         with progress_bar("walking") as progress:
             run = simulate_walk(time_step=1e-3 * step_ms, progress=progress, **walk)
         with progress_bar("writing") as progress:
-            summary = run.write_files(scratch, folder, with_csv=with_csv, progress=progress)
+            summary, notes = run.write_files(scratch, folder, with_csv=with_csv, progress=progress)
     if as_json:
         click.echo(json.dumps(summary, indent=2, allow_nan=False))
     else:
         console = stdout_console()
         print_summary(console, run.format_summary())
         console.print(f"Run folder: {folder}  ({', '.join(summary['files'])})", soft_wrap=True)
-    for sentence in run.warnings:
+    for sentence in (*run.warnings, *notes):
         stderr_console().print(sentence, soft_wrap=True)
 
 
@@ -238,13 +239,13 @@ def adapt_command(jobs: int, out: Path | None, as_json: bool, **adaptation: Any)
     swing and a leaning trunk. Its last part leads over blocks of up to 10 mm, with a push of 5 N·s on the way; a fall
     costs more than any walk. The best walker is accepted if it walks three times as long on level ground.
 
-    Writes walker.toml (for walk --walker), adaptation.json and costs.csv; the same command resumes an interrupted
+    Writes adapted.toml (for walk --walker), adaptation.json and costs.csv; the same command resumes an interrupted
     search, also with more --evaluations. Needs the optional extra 'tune'.
 
     \b
     Examples:
       klute-sim walk adapt --spring-foot 6 --evaluations 4000 --out soft-foot
-      klute-sim walk --spring-foot 6 --walker soft-foot/walker.toml
+      klute-sim walk --spring-foot 6 --walker soft-foot/adapted.toml
     """
     from klute_sim.api.adaptation import adapt_walker
     from klute_sim.api.rendering import print_summary

@@ -34,6 +34,7 @@ class FolderKind(NamedTuple):
 
 
 FOLDER_KINDS = (
+    FolderKind("walk", "walker.toml", "recording.rrd", "walk", ("recording.parquet",)),
     FolderKind("gait run", "recording.parquet", "recording.rrd", "gait", ("recording.parquet",)),
     FolderKind("bench run", "protocol.toml", "recording.rrd", "bench", ("summary.json",)),
     FolderKind("comparison", "comparison.json", "comparison.rrd", ""),

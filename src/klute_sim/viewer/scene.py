@@ -3,7 +3,7 @@
 Body poses are computed from the recorded joint angles by the kinematics of the model.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import mujoco
@@ -92,31 +92,50 @@ def log_scene(
     """
     import rerun as rr
 
+    frames, positions = compute_postures(recording, model)
+    times = [rr.TimeColumn(timeline, duration=recording["time"][frames])]
+    sites = [PROSTHESIS_PREFIX + name for name in ("achilles_origin", "achilles_insertion")]
+    ends = log_bodies(stream, model, positions, times, root, hidden=hidden, sites=sites)
+    _log_unit(stream, recording, frames, times, ends, root)
+    if "cop_x" in recording:
+        _log_ground_reaction(stream, recording, frames, times, root)
+
+
+def log_bodies(
+    stream: Any,
+    model: mujoco.MjModel,
+    positions: Array,
+    times: list[Any],
+    root: str,
+    *,
+    hidden: Collection[str] = (),
+    sites: Sequence[str] = (),
+) -> Array:
+    """Log the geometry of ``model`` once, and its body poses at joint ``positions`` (n, nq) over ``times``.
+
+    Returns the positions (n, len(sites), 3) of ``sites``. Bodies in ``hidden`` are omitted.
+    """
+    import rerun as rr
+
     stream.log(root, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for geom in range(model.ngeom):
         if model.body(int(model.geom_bodyid[geom])).name not in hidden:
             _log_geom(stream, model, geom, root)
-
-    frames, positions = compute_postures(recording, model)
     data = mujoco.MjData(model)
-    translation = np.empty((len(frames), model.nbody, 3))
-    rotation = np.empty((len(frames), model.nbody, 4))
-    ends = np.empty((len(frames), 2, 3))
-    sites = [model.site(PROSTHESIS_PREFIX + name).id for name in ("achilles_origin", "achilles_insertion")]
+    translation = np.empty((len(positions), model.nbody, 3))
+    rotation = np.empty((len(positions), model.nbody, 4))
+    site_positions = np.empty((len(positions), len(sites), 3))
+    site_ids = [model.site(name).id for name in sites]
     for k, position in enumerate(positions):
         data.qpos[:] = position
         mujoco.mj_kinematics(model, data)
         translation[k] = data.xpos
         rotation[k] = data.xquat[:, [1, 2, 3, 0]]  # MuJoCo has w first, rerun last
-        ends[k] = data.site_xpos[sites]
-
-    times = [rr.TimeColumn(timeline, duration=recording["time"][frames])]
+        site_positions[k] = data.site_xpos[site_ids]
     for body in range(1, model.nbody):
         columns = rr.Transform3D.columns(translation=translation[:, body], quaternion=rotation[:, body])
         stream.send_columns(format_body_entity(model, body, root), indexes=times, columns=columns)
-    _log_unit(stream, recording, frames, times, ends, root)
-    if "cop_x" in recording:
-        _log_ground_reaction(stream, recording, frames, times, root)
+    return site_positions
 
 
 def _log_unit(

@@ -118,6 +118,9 @@ def _attach_prosthesis(spec: mujoco.MjSpec, body: Body, prosthesis: Prosthesis) 
     limb: Any = spec.body("shank_right")
     limb.mass, limb.ipos = amputation.residual_limb_mass_kg, [0.0, 0.0, -amputation.residual_limb_com_m]
     limb.inertia = [amputation.residual_limb_inertia_kg_m2, amputation.residual_limb_inertia_kg_m2, 0.002]
+    limb_shape: Any = spec.geom("shank_right")
+    limb_shape.fromto, limb_shape.pos, limb_shape.size = [math.nan] * 6, [0.0, 0.0, -0.09], [0.05, 0.09, 0.0]
+    limb_shape.quat = [1.0, 0.0, 0.0, 0.0]
     alignment = prosthesis.get_alignment()
     spec.frame("socket_end").quat = np.array([math.cos(0.5 * alignment), 0.0, -math.sin(0.5 * alignment), 0.0])
     ankle = models.load_spec("ankle")

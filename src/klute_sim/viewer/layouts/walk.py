@@ -1,0 +1,143 @@
+"""Viewer recording of a predicted walk: the person in 3-D, both legs, cost and device."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from klute_sim.device.device import DEFAULT_DEVICE, load_device, parse_device
+from klute_sim.files.limits import DEVICE
+from klute_sim.files.reading import read_bytes
+from klute_sim.gait.body import PROSTHESIS_PREFIX
+from klute_sim.gait.spring_foot import SpringFoot
+from klute_sim.recording import parquet
+from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
+from klute_sim.viewer import scene, stream
+from klute_sim.viewer.stream import BLUE, GREEN, ORANGE, RED, VIOLET, Colour, SeriesLine
+from klute_sim.walker.person.body import SIDES, load_body
+from klute_sim.walker.person.build import Ground, Prosthesis, build_walker_model
+
+TIMELINE = "time"
+CHANNEL_RATE_HZ = 200.0
+"""Number of samples per second of the lines; the poses have those of the scene."""
+LEG_COLOURS: dict[str, Colour] = {"left": ORANGE, "right": BLUE}
+FLESH_JOINTS = ("hip_left", "knee_left", "ankle_left", "hip_right", "knee_right")
+"""Joints whose angle is a channel of the same sign."""
+LEG_PLOTS = (
+    ("hip angle [deg], flexion up", "hip_angle"),
+    ("knee angle [deg], flexion up", "knee_angle"),
+    ("ankle angle [deg], dorsiflexion up", "ankle_angle"),
+    ("vertical ground reaction [N], predicted", "grf_vertical"),
+    ("fore-aft ground reaction [N], predicted", "grf_forward"),
+)
+"""Title and channel of the plots of both legs."""
+
+
+def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
+    """Write a walk ``recording`` of the person ``model`` to ``path`` (.rrd).
+
+    Raises MissingExtraError without rerun.
+    """
+    rr = stream.import_rerun()
+    identity = recording.provenance
+    with stream.open_recording(path, "walk", identity, lambda: build_blueprint(recording)) as out:
+        frames, positions = compute_postures(recording, model)
+        times = [rr.TimeColumn(TIMELINE, duration=recording["time"][frames])]
+        scene.log_bodies(out, model, positions, times, scene.WORLD_ENTITY)
+        every = max(1, round(1.0 / (CHANNEL_RATE_HZ * float(recording["time"][1]))))
+        axis = rr.TimeColumn(TIMELINE, duration=recording["time"][::every])
+        lines = [line for plot in build_plots(recording).values() for line in plot]
+        stream.send_lines(
+            out,
+            axis,
+            (
+                SeriesLine(f"channels/{name}", text, colour, 2.0, recording[name][::every])
+                for name, text, colour in lines
+            ),
+        )
+
+
+def rebuild_recording(folder: Path, path: Path) -> None:
+    """Write ``path`` (.rrd) from the files in the ``folder`` of a walk.
+
+    Raises MissingExtraError without rerun, and InputError for damaged files.
+    """
+    recording = parquet.load_recording(folder / "recording.parquet")
+    write_recording(recording, build_model(recording, folder), path)
+
+
+def build_model(recording: Recording, folder: Path) -> mujoco.MjModel:
+    """Return the model of the person in ``recording``, whose device is in ``folder``."""
+    provenance, options = recording.provenance, recording.provenance["options"]
+    described = provenance["prosthesis"]
+    ground = Ground(unevenness=1e-3 * options["unevenness_mm"], seed=provenance["seed"])
+    prosthesis = None
+    if described is not None:
+        alignment = math.radians(provenance["condition"]["alignment_deg"])
+        stiffness = provenance["condition"].get("stiffness_nm_per_deg")
+        file = folder / "device.toml"
+        if stiffness is None:
+            prosthesis = Prosthesis(device=parse_device(read_bytes(file, DEVICE), str(file)), alignment=alignment)
+        else:
+            device = load_device(DEFAULT_DEVICE).with_foot(described["foot"]["name"])
+            foot = SpringFoot(stiffness=math.degrees(stiffness))
+            prosthesis = Prosthesis(device=device, spring_foot=foot, alignment=alignment)
+    return build_walker_model(load_body(), prosthesis, dt=options["step_s"], ground=ground)
+
+
+def compute_postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
+    """Return the samples with a pose, and the joint positions (n, nq) at these samples."""
+    every = max(1, round(1.0 / (scene.FRAME_RATE_HZ * float(recording["time"][1]))))
+    frames = np.arange(0, len(recording), every)
+    slope = math.radians(recording.provenance["options"]["slope_deg"])
+    joints = {
+        "forward": recording["hip_x"],
+        "up": recording["hip_z"],
+        "lean": np.radians(recording["trunk_lean"]) + slope,
+        **{name: np.radians(recording[name.replace("_", "_angle_")]) for name in FLESH_JOINTS},
+    }
+    if recording.provenance["prosthesis"] is None:
+        joints["ankle_right"] = np.radians(recording["ankle_angle_right"])
+    else:
+        joints[PROSTHESIS_PREFIX + "ankle"] = -np.radians(recording["ankle_angle_right"])
+        joints[PROSTHESIS_PREFIX + "heel"] = recording["heel_compression"]
+    positions = np.zeros((len(frames), model.nq))
+    for name, values in joints.items():
+        positions[:, model.joint(name).qposadr[0]] = values[frames]
+    return frames, positions
+
+
+def build_plots(recording: Recording) -> dict[str, list[tuple[str, str, Colour]]]:
+    """Return title -> (channel, name in the legend, colour) of the lines."""
+    has_prosthesis = recording.provenance["prosthesis"] is not None
+    names = {"left": "left leg", "right": "prosthesis" if has_prosthesis else "right leg"}
+    plots = {
+        title: [(f"{channel}_{side}", names[side], LEG_COLOURS[side]) for side in SIDES] for title, channel in LEG_PLOTS
+    }
+    plots["forward speed [m/s]"] = [("speed", "speed", VIOLET)]
+    plots["metabolic energy since the start [J]"] = [
+        ("metabolic_energy_minetti", "Minetti and Alexander", RED),
+        ("metabolic_energy_bhargava", "Bhargava et al.", ORANGE),
+    ]
+    if "pressure_command" in recording:
+        plots["pressure command [bar]"] = [("pressure_command", "command", GREEN)]
+        plots["device moment [N·m], plantarflexor up"] = [("device_moment", "device", RED)]
+    return plots
+
+
+def build_blueprint(recording: Recording) -> Any:
+    """Build the layout: side view of the person on the left, plots on the right."""
+    import rerun.blueprint as rrb
+
+    kind = recording.provenance["kind"]
+    left = scene.build_view(f"person, {kind}", origin="trunk", height=-0.15, distance=3.0)
+    plots = [
+        stream.build_plot_view(title, [f"channels/{name}" for name, _, _ in lines])
+        for title, lines in build_plots(recording).items()
+    ]
+    right = rrb.Grid(*plots, grid_columns=2, name="walk")
+    return stream.build_window_blueprint(rrb.Horizontal(left, right, column_shares=[1, 2]), TIMELINE)

@@ -1,0 +1,36 @@
+"""Viewer recording of a walk: its poses are those of the walk, and a folder without it gets one."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import klute_sim as ks
+from klute_sim.viewer.folders import detect_folder_kind, ensure_recording
+from klute_sim.viewer.layouts import walk as layout
+
+pytest.importorskip("rerun")
+
+
+@pytest.mark.parametrize("arguments", [{"intact": True, "slope": 2.0}, {"spring_foot": 8.0, "uneven": 5.0}])
+def test_poses_stand_on_the_ground_and_a_missing_recording_is_rebuilt(
+    arguments: dict[str, float], tmp_path: Path
+) -> None:
+    walked = ks.simulate_walk(seconds=1.0, **arguments)  # type: ignore[arg-type]
+    folder = walked.save(tmp_path / "walk")
+    model = layout.build_model(walked.recording, folder)
+    frames, positions = layout.compute_postures(walked.recording, model)
+    data = mujoco.MjData(model)
+    soles = [g for g in range(model.ngeom) if model.geom_contype[g] == 1]
+    for k in range(0, len(frames), 20):
+        data.qpos[:] = positions[k]
+        mujoco.mj_kinematics(model, data)
+        lowest = min(float(data.geom_xpos[g, 2] - model.geom_size[g].max()) for g in soles)
+        assert -0.1 < lowest < 0.05
+    np.testing.assert_array_equal(positions[:, 0], walked.recording["hip_x"][frames])
+    assert detect_folder_kind(folder).name == "walk"
+    original = (folder / "recording.rrd").read_bytes()
+    (folder / "recording.rrd").unlink()
+    with ensure_recording(folder) as rebuilt:
+        assert len(rebuilt.read_bytes()) == pytest.approx(len(original), rel=0.01)
