@@ -107,6 +107,21 @@ def test_spring_foot_has_no_command_and_no_device() -> None:
     assert walked.device is None
 
 
+def test_comparison_names_no_sign_from_one_walker_and_lists_falls() -> None:
+    arguments = ("--walker", "machine-1", "--seconds", "5")
+    done = run("walk", "compare", "machine", "machine", *arguments, "--json")
+    assert done.returncode == 0, done.stderr
+    same = json.loads(done.stdout)
+    assert same["acute"] == same["falls"] == [[], []]
+    assert all(d["difference"] == 0.0 and d["sign"] == 0 for d in same["differences"].values())
+    done = run("walk", "compare", "machine", "spring-foot:40", *arguments)
+    assert "Acute with spring-foot:40, not adapted to it: machine-1." in done.stdout
+    assert "A sign is named only where" in done.stdout
+    refused = run("walk", "compare", "machine", "spring-foot:soft", *arguments)
+    assert refused.returncode == 2
+    assert "needs a stiffness in N·m/deg, as in spring-foot:8" in refused.stderr
+
+
 def test_list_shows_all_shipped_walkers() -> None:
     done = run("walk", "list")
     assert done.returncode == 0

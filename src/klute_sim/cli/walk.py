@@ -155,6 +155,7 @@ def command(
       klute-sim walk --push 10@40 --uneven 5
       klute-sim walk --spring-foot 8 --json | python -m json.tool
       klute-sim walk list
+      klute-sim walk compare machine constant:3
       klute-sim walk adapt --controller constant:3 --evaluations 4000
     """
     if context.invoked_subcommand is not None:
@@ -186,6 +187,56 @@ def list_command() -> None:
     from klute_sim.cli.console import stdout_console
 
     stdout_console().print(build_walker_table())
+
+
+@command.command("compare")
+@click.argument("a")
+@click.argument("b")
+@click.option(
+    "--device",
+    default=None,
+    metavar="NAME|FILE",
+    help="Device of the controllers: name of a preset, or a device file.  [default: klute-1-1-4-pair]",
+)
+@common.FOOT_OPTION
+@click.option(
+    "--walker",
+    "walkers",
+    multiple=True,
+    metavar="NAME|FILE",
+    help="Walker: name of a shipped one, or the file of one; may be repeated.  [default: all with a prosthesis]",
+)
+@click.option(
+    "--seconds",
+    type=common.NumberWithUnit("s"),
+    default=20.0,
+    show_default=True,
+    metavar="S",
+    help="Duration of each walk [s].",
+)
+@common.json_option()
+def compare_command(a: str, b: str, as_json: bool, **comparison: Any) -> None:
+    """Compare two conditions A and B over several walkers.
+
+    A condition is a controller (machine, profile, off, constant:BAR, or a file) or spring-foot:STIFFNESS. Every walker
+    walks under both, and the table shows the mean difference of each outcome with its 95 % interval. A sign is named
+    only where the interval excludes zero. Falls are listed apart.
+
+    \b
+    Examples:
+      klute-sim walk compare machine constant:3
+      klute-sim walk compare machine my-machine.toml --walker machine-1 --walker mine/adapted.toml
+    """
+    from klute_sim.api.rendering import print_summary
+    from klute_sim.api.walk_comparison import compare_walks
+    from klute_sim.cli.console import progress_bar, stdout_console
+
+    with progress_bar("walking") as progress:
+        result = compare_walks(a, b, progress=progress, **comparison)
+    if as_json:
+        click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
+    else:
+        print_summary(stdout_console(), result.format_summary())
 
 
 @command.command("adapt")
