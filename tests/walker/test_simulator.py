@@ -114,6 +114,42 @@ def test_work_of_the_muscles_and_of_the_push_accounts_for_the_energy_of_a_flying
     assert measure_energy(simulator) - before == pytest.approx(work, rel=0.01)
 
 
+@pytest.mark.parametrize("is_prosthetic", [False, True])
+def test_energy_of_a_walk_closes_within_half_a_per_cent(is_prosthetic: bool) -> None:
+    """Muscles, device, contacts with stops, joint damping and springs account for the energy of the body."""
+    with callbacks.device_callbacks():
+        simulator = make_simulator(is_prosthetic)
+        model, data, dt = simulator.model, simulator.data, simulator.settings.dt
+        commands = DeviceCommands(simulator, parse_controller("machine") if is_prosthetic else None, 3000)
+        work = turnover = before = 0.0
+        for k in range(2500):
+            commands.update(k)
+            if k == 500:
+                mujoco.mj_fwdPosition(model, data)
+                before = measure_energy(simulator)
+            velocity = data.qvel.copy()
+            simulator.take_steps(1)
+            if k >= 500:
+                motion = 0.5 * dt * (velocity + data.qvel)
+                # The implicit integrator applies the damping at the velocity after the step.
+                passive = data.qfrc_passive + model.dof_damping * (velocity - data.qvel)
+                forces = data.qfrc_applied + data.qfrc_actuator + data.qfrc_constraint + passive
+                # Springs are part of the potential energy.
+                springs = -model.jnt_stiffness * (data.qpos - 0.5 * dt * data.qvel - model.qpos_spring)
+                work += float((forces - springs) @ motion)
+                turnover += float(np.abs(data.qfrc_applied) @ np.abs(motion))
+        mujoco.mj_fwdPosition(model, data)
+    assert turnover > 100.0
+    assert abs(measure_energy(simulator) - before - work) < 0.005 * turnover
+
+
+def test_fibers_and_tendons_account_for_the_work_on_the_joints() -> None:
+    """What the fibers give goes into the joints and the tendons; over a whole walk the tendons keep nothing."""
+    state = walk(12.0).state
+    given, taken = float(state[layout.FIBER_WORK]), float(state[layout.MUSCLE_JOINT_WORK])
+    assert abs(given - taken) < 0.02 * float(state[layout.POSITIVE_FIBER_WORK])
+
+
 def test_a_walker_walks_and_falls_without_its_reflexes() -> None:
     simulator = walk(6.0)
     assert simulator.data.qpos[0] > 6.0
