@@ -125,6 +125,9 @@ def measure_step_ratios(n_rounds: int) -> list[SpeedRatio]:
     """Compare the device with the built-in muscle in the same ankle."""
     device = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": DEVICE.parameters})
     valve = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": VALVE_DEVICE.parameters})
+    friction = catalogue.pack_effects({("seal_friction", "coulomb"): {"force_n": 15.0}})
+    rubbing = DEVICE.parameters._replace(effects=friction)
+    single = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": rubbing})
     everything = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": add_all_effects()})
     muscle = compile_with_muscle(models.load_spec("ankle"), "muscle_tendon")
 
@@ -142,16 +145,18 @@ def measure_step_ratios(n_rounds: int) -> list[SpeedRatio]:
         lambda: ours("compiled", many),
         lambda: ours("compiled", many, threads=2),
         lambda: theirs(many, threads=2),
+        lambda: ours("compiled", many, model=single),
         lambda: ours("compiled", many, model=valve),
         lambda: ours("compiled", many, model=everything),
     ]
-    _, one, two, muscles, behind, whole = measure_interleaved(n_rounds, measure_wall_time, *works)
+    _, one, two, muscles, rubs, behind, whole = measure_interleaved(n_rounds, measure_wall_time, *works)
     _, python = measure_interleaved(n_rounds, measure_wall_time, lambda: theirs(few), lambda: ours("python", few))
     against = "built-in muscle, one thread"
     return [
         SpeedRatio("step of the ankle, compiled backend", against, one, "<= 1.15", one <= 1.15),
         SpeedRatio("same number of steps on two threads", against, two, "<= 0.65", two <= 0.65),
         SpeedRatio("  (built-in muscle on two threads)", against, muscles, "", True),
+        SpeedRatio("step of the ankle with one effect", against, rubs, "", True),
         SpeedRatio("step of the ankle with a valve", against, behind, "", True),
         SpeedRatio("  with a valve and every effect", against, whole, "<= 1.6", whole <= 1.6),
         SpeedRatio("step of the ankle, Python backend", against, python, "", True),
@@ -299,7 +304,13 @@ def measure_rollout_ratios(n_rounds: int) -> list[SpeedRatio]:
     _, rig, loop = measure_interleaved(
         n_rounds, measure_wall_time, alone, lambda: bench.simulate_tester(DEVICE, length, command, step), bare
     )
+    effects = catalogue.pack_effects({("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 8.0}})
+    laden = DEVICE.parameters._replace(effects=effects)
+    _, one = measure_interleaved(
+        n_rounds, measure_cpu_time, alone, lambda: simulate_rollouts(laden, length, command, step)
+    )
     return [
+        SpeedRatio("device alone with one effect, CPU time", "device alone without effects", one, "", True),
         SpeedRatio("device alone: speed", "the bench rig in MuJoCo", rig, ">= 20", rig >= 20),
         SpeedRatio("device alone: speed", "a bare loop of mj_step on the bench model", loop, "", True),
     ]
