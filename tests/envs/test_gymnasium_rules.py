@@ -19,11 +19,12 @@ from klute_sim.envs.registration import ENVIRONMENTS
 from klute_sim.errors import InputError, KluteSimError
 
 GAIT, BENCH = "klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0"
+JOINT = "klute_sim/AntagonistJoint-v0"
 SHORT: dict[str, dict[str, Any]] = {
     GAIT: {"strides": 1, "time_step": 1e-3},
     BENCH: {"duration": 1.0, "time_step": 1e-3},
+    JOINT: {"duration": 1.0, "time_step": 1e-3},
 }
-ACTION = np.zeros(1, dtype=np.float32)
 EFFECTS = b"""
 [effects.pressure_delay]
 delay_s = 0.0125
@@ -42,6 +43,10 @@ def make_vector(name: str, count: int = 2, **options: Any) -> gymnasium.vector.V
     return gymnasium.make_vec(name, count, "vector_entry_point", **SHORT[name], **options).unwrapped
 
 
+def make_action(env: Any) -> np.ndarray:
+    return np.zeros(env.action_space.shape, dtype=np.float32)
+
+
 def make_complicated_device() -> Device:
     return parse_device(load_device("klute-1-1-4-pair-valve").content + EFFECTS, "complicated")
 
@@ -53,24 +58,24 @@ def name(request: pytest.FixtureRequest) -> str:
 
 def test_calls_without_an_episode_ask_for_a_reset(name: str) -> None:
     env = make_single(name)
-    for call in (lambda: env.step(ACTION), env.render):
+    for call in (lambda: env.step(make_action(env)), env.render):
         with pytest.raises(gymnasium.error.ResetNeeded, match="no episode yet: call reset"):
             call()
     env.reset(seed=1)
     steps = 1
-    while not any(env.step(ACTION)[2:4]):
+    while not any(env.step(make_action(env))[2:4]):
         steps += 1
     assert steps == env.max_episode_steps
     env.render()  # wrappers of Gymnasium draw the last picture after the end
     with pytest.raises(gymnasium.error.ResetNeeded, match=r"the episode has ended: call reset\(\) before step"):
-        env.step(ACTION)
+        env.step(make_action(env))
     env.reset()
-    env.step(ACTION)
+    env.step(make_action(env))
 
 
 def test_vector_calls_without_an_episode_ask_for_a_reset(name: str) -> None:
     envs = make_vector(name, autoreset_mode=AutoresetMode.DISABLED)
-    actions = np.zeros((2, 1), dtype=np.float32)
+    actions = make_action(envs)
     for call in (lambda: envs.step(actions), envs.render):
         with pytest.raises(gymnasium.error.ResetNeeded, match="no episodes yet: call reset"):
             call()
@@ -84,7 +89,8 @@ def test_vector_calls_without_an_episode_ask_for_a_reset(name: str) -> None:
 
 
 def test_closed_environments_are_refused(name: str) -> None:
-    for env, action in ((make_single(name), ACTION), (make_vector(name), np.zeros((2, 1)))):
+    for env in (make_single(name), make_vector(name)):
+        action = make_action(env)
         env.reset(seed=1)
         env.close()
         env.close()
@@ -110,12 +116,16 @@ def test_closed_environments_are_refused(name: str) -> None:
 )
 def test_invalid_action_changes_nothing(name: str, action: object, message: str) -> None:
     env = make_single(name)
+    if name == JOINT and isinstance(action, list) and len(action) == 1:
+        action = action * 2
+    if name == JOINT and action == [0.0, 0.0]:
+        action, message = [0.0], r"action has shape \(1,\); allowed: \(2,\)"
     env.reset(seed=1)
     state = env.data.qpos.copy()
     with pytest.raises(gymnasium.error.InvalidAction, match=message):
         env.step(action)
     assert np.array_equal(env.data.qpos, state)
-    env.step(ACTION)
+    env.step(make_action(env))
 
 
 def test_invalid_reset_is_refused(name: str) -> None:
@@ -145,13 +155,11 @@ def test_copy_in_mid_episode_continues_exactly(name: str, copy_environment: Any)
     if name == GAIT:
         ranges = {"mass_fraction": 0.1, "device": {"muscle.c10_kpa": 0.1}}
         options |= {"sensor_noise": 1.0, "sensor_delay": 3, "domain_randomization": ranges}
-    else:
+    elif name == BENCH:
         options["task"] = "work"
     rng = np.random.default_rng(0)
-    for original, shape in (
-        (make_single(name, **options), (1,)),
-        (make_vector(name, **options), (2, 1)),
-    ):
+    for original in (make_single(name, **options), make_vector(name, **options)):
+        shape = original.action_space.shape
         original.reset(seed=5)
         original.action_space.seed(5)
         for _ in range(37):
@@ -162,7 +170,7 @@ def test_copy_in_mid_episode_continues_exactly(name: str, copy_environment: Any)
             action = rng.uniform(-1, 1, shape).astype(np.float32)
             first, second = original.step(action), duplicate.step(action)
             assert_equal(first, second)
-            if shape == (1,) and (first[2] or first[3]):
+            if len(shape) == 1 and (first[2] or first[3]):
                 assert_equal(original.reset(), duplicate.reset())
         assert not np.array_equal(original.step(action)[0], original.step(action)[0])
 
@@ -180,7 +188,7 @@ def test_second_thread_is_refused_while_the_first_steps(name: str) -> None:
     def step() -> None:
         for _ in range(30):
             try:
-                env.step(ACTION)
+                env.step(make_action(env))
             except KluteSimError as error:
                 errors.append(error)
 
@@ -191,10 +199,10 @@ def test_second_thread_is_refused_while_the_first_steps(name: str) -> None:
         thread.join()
     assert all(isinstance(error, ConcurrentUseError) for error in errors)
     with env._thread_guard, pytest.raises(ConcurrentUseError, match="two threads at the same time; give each"):
-        env.step(ACTION)
+        env.step(make_action(env))
     with env._thread_guard, pytest.raises(ConcurrentUseError):
         pickle.dumps(env)
-    env.step(ACTION)
+    env.step(make_action(env))
 
 
 @pytest.mark.parametrize("backends", [("compiled", "compiled"), ("python", "python"), ("python", "compiled")])
@@ -202,7 +210,7 @@ def test_environments_in_two_threads_equal_one_after_the_other(name: str, backen
     def run(backend: str, seed: int) -> list[np.ndarray]:
         env = make_single(name, backend=backend)  # compiles a model while the other steps
         env.reset(seed=seed)
-        return [env.step(np.array([np.sin(k)]))[0] for k in range(10)]
+        return [env.step(np.full(env.action_space.shape, np.sin(k)))[0] for k in range(10)]
 
     results: dict[int, list[np.ndarray]] = {}
     threads = [
@@ -220,7 +228,7 @@ def test_environments_in_two_threads_equal_one_after_the_other(name: str, backen
 def test_specification_has_the_length_and_makes_the_same_environment(name: str) -> None:
     env = gymnasium.make(name)
     assert env.spec is not None
-    assert env.spec.max_episode_steps == {GAIT: 550, BENCH: 500}[name]
+    assert env.spec.max_episode_steps == {GAIT: 550, BENCH: 500, JOINT: 500}[name]
     assert gymnasium.envs.registration.EnvSpec.from_json(env.spec.to_json()) == env.spec
     again = env.spec.make()
     assert again.spec == env.spec
@@ -235,7 +243,7 @@ def test_round_trip_of_specification_truncates_once(name: str) -> None:
     for env in (first, second, gymnasium.make(name, max_episode_steps=20, **SHORT[name])):
         env.reset(seed=0)
         steps = 1
-        while not (ended := env.step(ACTION))[3]:
+        while not (ended := env.step(make_action(env)))[3]:
             assert not ended[2]
             steps += 1
         assert steps == env.spec.max_episode_steps
@@ -243,7 +251,7 @@ def test_round_trip_of_specification_truncates_once(name: str) -> None:
     again = gymnasium.make_vec(envs.spec)
     assert again.spec.max_episode_steps == envs.spec.max_episode_steps == 20
     again.reset(seed=0)
-    truncated = [again.step(np.zeros((2, 1)))[3].all() for _ in range(20)]
+    truncated = [again.step(make_action(again))[3].all() for _ in range(20)]
     assert truncated == [False] * 19 + [True]
 
 

@@ -10,12 +10,14 @@ from klute_sim.device.device import load_device
 from klute_sim.errors import InputError
 
 NAME, BENCH = "klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0"
+JOINT = "klute_sim/AntagonistJoint-v0"
 SHORT = {"strides": 1, "time_step": 1e-3}
 SHORT_BENCH = {"duration": 1.1, "cycle_duration": 0.3, "time_step": 1e-3}
+SHORT_JOINT = {"duration": 1.1, "time_step": 1e-3}
 
 
 def make_envs(mode: str, autoreset: AutoresetMode, count: int = 3, name: str = NAME, **options: object) -> VectorEnv:
-    options |= SHORT if name == NAME else SHORT_BENCH
+    options |= {NAME: SHORT, BENCH: SHORT_BENCH, JOINT: SHORT_JOINT}[name]
     if mode == "sync":
         return gymnasium.make_vec(name, count, "sync", vector_kwargs={"autoreset_mode": autoreset}, **options)
     return gymnasium.make_vec(name, count, "vector_entry_point", autoreset_mode=autoreset, **options)
@@ -31,8 +33,13 @@ def are_equal(a: object, b: object) -> bool:
 
 @pytest.mark.parametrize(
     ("name", "options"),
-    [(NAME, {}), (BENCH, {"task": "force"}), (BENCH, {"task": "work", "device": "klute-1-1-4-pair-valve"})],
-    ids=["gait", "force", "work"],
+    [
+        (NAME, {}),
+        (BENCH, {"task": "force"}),
+        (BENCH, {"task": "work", "device": "klute-1-1-4-pair-valve"}),
+        (JOINT, {}),
+    ],
+    ids=["gait", "force", "work", "joint"],
 )
 @pytest.mark.parametrize("autoreset", list(AutoresetMode))
 def test_batch_is_bit_identical_to_single_environments(
@@ -48,7 +55,7 @@ def test_batch_is_bit_identical_to_single_environments(
     rng = np.random.default_rng(0)
     ended = 0
     for _ in range(240):
-        actions = rng.uniform(-1.2, 1.2, (3, 1)).astype(np.float32)
+        actions = rng.uniform(-1.2, 1.2, batch.action_space.shape).astype(np.float32)
         first, second = sync_envs.step(actions), batch.step(actions)
         for first_item, second_item in zip(first, second, strict=True):
             assert are_equal(first_item, second_item)

@@ -15,6 +15,7 @@ from klute_sim.mechanism.export import format_mjcf
 from klute_sim.mechanism.mounting import mount_devices
 from klute_sim.mechanism.protocols import ProtocolSettings
 from klute_sim.mechanism.run import JointTestResult, run_joint_test
+from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.mjcf.model_file import load_model_file
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
 from klute_sim.recording import parquet
@@ -109,7 +110,7 @@ class JointRun:
             (scratch / f"{name}.toml").write_bytes(device.content)
         spec = self.result.file.make_spec()
         set_model_numbers(spec, self.result.numbers)
-        spec.compile()  # MuJoCo writes compiled models only
+        compile_model(spec)  # MuJoCo writes compiled models only
         (scratch / "model.xml").write_text(spec.to_xml(), "utf-8")
         (scratch / "results.csv").write_text(format_results_csv(self.result), "utf-8")
         for trial in self.result.trials:

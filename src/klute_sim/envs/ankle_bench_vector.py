@@ -77,6 +77,7 @@ class AnkleBenchVectorEnv(BatchVectorEnv):
         return self._task.observations
 
     def _advance(self, actions: Array, active: Mask) -> BatchStep:
+        actions = actions[:, 0]
         command = self._task.decode_action(actions)
         controls = self._task.schedule_controls(command, active)
         if active.any():

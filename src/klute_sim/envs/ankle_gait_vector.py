@@ -117,6 +117,7 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
         return self._task.observations
 
     def _advance(self, actions: Array, active: Mask) -> BatchStep:
+        actions = actions[:, 0]
         command = self._task.decode_action(actions)
         self._ctrl[active, : len(DRIVE_ACTUATORS)] = self._task.get_drive_command_rates()[active]
         for steps, scheduled_command in self._task.schedule_commands(command, active):

@@ -20,6 +20,10 @@ ENVIRONMENTS = {
         "entry_point": "klute_sim.envs.ankle_bench:AnkleBenchEnv",
         "vector_entry_point": "klute_sim.envs.ankle_bench_vector:AnkleBenchVectorEnv",
     },
+    "klute_sim/AntagonistJoint-v0": {
+        "entry_point": "klute_sim.envs.antagonist_joint:AntagonistJointEnv",
+        "vector_entry_point": "klute_sim.envs.antagonist_joint_vector:AntagonistJointVectorEnv",
+    },
 }
 """Entry points of each environment."""
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from klute_sim.device.device import Device
 from klute_sim.laws.mckibben import lock_length
+from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.mjcf.model_file import ModelFile
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
 
@@ -59,7 +60,7 @@ def _measure_lengths(file: ModelFile, numbers: Mapping[str, float]) -> dict[str,
     """Return the length of every tendon [m] in the middle of the range of all joints."""
     spec = file.make_spec()
     set_model_numbers(spec, numbers)
-    model = spec.compile()
+    model = compile_model(spec)
     data = mujoco.MjData(model)
     data.qpos[:] = np.where(model.jnt_limited, model.jnt_range.mean(axis=1), data.qpos)
     mujoco.mj_kinematics(model, data)

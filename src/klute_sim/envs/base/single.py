@@ -84,7 +84,7 @@ class DeviceEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
             self._require_open()
             if self._status is not EpisodeStatus.RUNNING:
                 raise ResetNeededError(f"{self._status.value}: call reset() before step()")
-            valid_action = validate_action(action, (1,))
+            valid_action = validate_action(action, self.action_space.shape or ())
             self._status = EpisodeStatus.INTERRUPTED
             step = self._advance(valid_action)
             self._status = EpisodeStatus.ENDED if step[2] or step[3] else EpisodeStatus.RUNNING

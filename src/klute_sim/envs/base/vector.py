@@ -139,7 +139,7 @@ class BatchVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]],
 
     @abstractmethod
     def _advance(self, actions: Array, active: Mask) -> BatchStep:
-        """Hold the valid ``actions`` (n,) for one interval in the simulations ``active``."""
+        """Hold the valid ``actions`` (n, actions of one) for one interval in the simulations ``active``."""
 
     @abstractmethod
     def _get_observations(self) -> Observations:
@@ -212,7 +212,7 @@ class BatchVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]],
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observations, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Hold ``actions`` (num_envs, 1) for one interval; actions of environments that restart now are ignored.
+        """Hold ``actions`` (num_envs, actions of one) for one interval; environments that restart now ignore theirs.
 
         Raises InvalidActionError, ResetNeededError before the first reset and, with ``AutoresetMode.DISABLED``, after
         the end of an episode, ClosedEnvError, and ConcurrentUseError.
@@ -226,7 +226,7 @@ class BatchVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]],
                 raise ResetNeededError(
                     "an episode has ended: call reset(options={'reset_mask': terminated | truncated}) before step()"
                 )
-            valid_actions = validate_action(actions, (self.num_envs, 1), active)[:, 0]
+            valid_actions = validate_action(actions, (self.num_envs, *(self.single_action_space.shape or ())), active)
             self._obstacle = "the last call was interrupted"
             result = self._step(valid_actions, active)
             self._obstacle = ""

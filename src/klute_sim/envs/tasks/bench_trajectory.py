@@ -57,16 +57,17 @@ class TrajectoryGenerator:
                 self.mean_length + self._amplitude * np.sin(2.0 * np.pi * self._time / self._cycle_duration),
                 np.zeros(len(self._control_time)),
             )
-        length = self.mean_length + self._amplitude * _random_wave(self._time, rng)
+        length = self.mean_length + self._amplitude * random_wave(self._time, MAX_FREQUENCY, rng)
         mean_force = 0.5 * (MAX_FORCE_FRACTION + MIN_FORCE_FRACTION)
         force_amplitude = 0.5 * (MAX_FORCE_FRACTION - MIN_FORCE_FRACTION)
         return BenchTrajectory(
-            length, self.max_force * (mean_force + force_amplitude * _random_wave(self._control_time, rng))
+            length,
+            self.max_force * (mean_force + force_amplitude * random_wave(self._control_time, MAX_FREQUENCY, rng)),
         )
 
 
-def _random_wave(time: Array, rng: np.random.Generator) -> Array:
-    """Return a smooth random signal within -1 and 1."""
-    frequency = MAX_FREQUENCY * np.arange(1, N_SINES + 1) / N_SINES
+def random_wave(time: Array, max_frequency: float, rng: np.random.Generator) -> Array:
+    """Return a smooth random signal within -1 and 1 of frequencies up to ``max_frequency`` [Hz]."""
+    frequency = max_frequency * np.arange(1, N_SINES + 1) / N_SINES
     phase, weights = rng.uniform(0.0, 2.0 * np.pi, N_SINES), rng.dirichlet(np.ones(N_SINES))
     return np.asarray(np.sin(2.0 * np.pi * np.outer(time, frequency) + phase) @ weights)
