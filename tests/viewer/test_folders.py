@@ -230,6 +230,17 @@ def test_unsupported_folder_is_refused_in_one_sentence(files: dict[str, str], me
     assert {file.name for file in tmp_path.iterdir()} == set(files)
 
 
+@pytest.mark.parametrize(("word", "channel"), [("joint", "angle_joint"), ("mass", "position_guide")])
+def test_joint_run_shows_position_and_devices(word: str, channel: str, tmp_path: Path) -> None:
+    completed = run("bench", word, "quick-release", "klute-1-1-4-pair", "--out", "run", "--step", "2", cwd=tmp_path)
+    assert completed.returncode == 0, completed.stderr
+    contents = read_recording(tmp_path / "run")
+    assert has_no_empty_view(contents)
+    recording = parquet.load_recording(tmp_path / "run" / "release_50pct.parquet")
+    assert np.array_equal(get_values(contents, f"trial_001/{channel}"), recording[channel])
+    assert "overshoot" in get_text(contents, "metrics")
+
+
 def test_summary_of_the_wrong_type_is_refused_in_one_sentence(bench: Path, tmp_path: Path) -> None:
     """A number in place of a table has no items: an AttributeError."""
     folder = shutil.copytree(bench, tmp_path / "run", ignore=shutil.ignore_patterns("*.rrd"))

@@ -49,6 +49,7 @@ FOLDER_KINDS = (
         ("learning_curve.csv", "summary.json"),
         "config.toml",
     ),
+    FolderKind("joint run", "results.csv", "recording.rrd", "joint", ("summary.json",)),
 )
 
 
