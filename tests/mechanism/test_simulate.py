@@ -1,6 +1,7 @@
 """Mechanisms under prescribed inputs: the devices are those of the bench, do not disturb each other, and balance."""
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import mujoco
@@ -80,6 +81,19 @@ def test_compiled_and_python_backends_agree_bit_for_bit() -> None:
     assert (compiled.backend, python.backend) == ("compiled", "python")
     for field, values in compiled.fields.items():
         assert np.array_equal(values, python.fields[field]), field
+
+
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+def test_simulations_in_threads_equal_one_after_the_other(backend: str) -> None:
+    short = {name: values[:60] for name, values in COMMANDS.items()}
+    numbers = [{**NUMBERS, "model.geom.load.mass": mass} for mass in (0.5, 1.0, 1.5, 2.0)]
+
+    def run(changes: dict[str, float]) -> Array:
+        return simulate(DEVICES, short, numbers=changes, backend=backend).fields["qpos"]
+
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(run, numbers))
+    assert all(np.array_equal(first, run(changes)) for first, changes in zip(together, numbers, strict=True))
 
 
 def test_a_device_does_not_change_with_its_neighbour() -> None:

@@ -6,9 +6,11 @@ step k: positions are those before the step, forces those that MuJoCo evaluated 
 balanced them, which is how the bench records them.
 """
 
+import threading
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -43,6 +45,10 @@ MAX_RECORDED_VALUES = 200_000_000
 """Largest number of recorded values (1.6 GB)."""
 UNLIMITED_PRESSURE, UNLIMITED_PRESSURE_RATE = 1e9, 1e15
 """Pressure [Pa] and rate [Pa/s] that a device with a prescribed pressure never reaches."""
+SUPPLY_HOOKS = frozenset({"supply", "pressure_target", "pressure_reached", "next_state"})
+"""Hooks of effects that act between the command and the pressure in the muscle; a dead time has no hook."""
+_python_lock = threading.Lock()
+"""Held by the only simulation that runs on the Python backend."""
 
 
 class DeviceTrace:
@@ -165,59 +171,91 @@ def simulate_mechanism(
         name: make_pressure_prescribed(device) if _has_prescribed_pressure(mechanism, name) else device
         for name, device in devices.items()
     }
-    model = mechanism.compile(parameters, numbers or {}, dt)
-    data = mujoco.MjData(model)
-    if n_steps * sum(getattr(data, field).size for field in RECORDED_FIELDS) > MAX_RECORDED_VALUES:
-        raise InputError(
-            f"{mechanism.file.path}: {n_steps} steps of {1e3 * dt:g} ms with {model.nq} positions and {model.nsite} "
-            "sites are too many to record; use a longer time step, shorter trials or a smaller model"
-        )
-    actuators = {name: DeviceActuator(model, mechanism.find_actuator(model, name)) for name in devices}
-    _place_joints(model, data, initial_positions or {})
-    controls, pressures = np.zeros((n_steps, model.nu)), {}
-    resting_controls, initial_speeds = np.zeros(model.nu), {}
-    for name, binding in mechanism.bindings.items():
-        values, quantity = np.asarray(inputs[name], dtype=np.float64), binding.channel.quantity
-        if quantity in ("pressure", "pressure_command"):
-            actuator = actuators[binding.name]
-            delayed = _delay(values, get_dead_time(actuator.parameters) / dt)
-            is_opening = actuator.parameters.supply.command_is_opening != 0.0
-            controls[:, actuator.ctrl_address] = delayed if is_opening else delayed / BAR
-            resting_controls[actuator.ctrl_address] = controls[0, actuator.ctrl_address]
-            pressures[binding.name] = float(values[0])
-        elif quantity in ("angle", "position"):
-            control = _find_control(model, drives.name_drive(binding.name))
-            joint = model.joint(binding.name)
-            data.qpos[joint.qposadr[0]] = values[0]
-            controls[:, control] = drives.compute_drive_commands(values, dt, model.opt.integrator)
-            resting_controls[control] = values[0]
-            initial_speeds[int(joint.dofadr[0])] = drives.compute_initial_speed(values, dt)
-        else:
-            control = _find_control(model, drives.name_load(binding.name))
-            controls[:, control] = values
-            resting_controls[control] = values[0]
-    try:
-        with callbacks.device_callbacks(backend) as used_backend:
-            move_to_rest(model, data, actuators, pressures, resting_controls, mechanism.driven_joints)
-            for address, speed in initial_speeds.items():
-                data.qvel[address] = speed
-            initial_qpos, initial_act = data.qpos.copy(), data.act.copy()
-            run = _run_compiled if used_backend == "compiled" else _run_in_python
-            fields, has_failed = run(model, data, controls)
-    except SimulationError as error:  # a device notices first that its length is not finite
-        raise SimulationError(f"the model {mechanism.file.path} diverges: {error}") from None
+    # Python callbacks of one thread would keep other threads from compiling their models.
+    with _python_lock if callbacks.choose_backend(backend) == "python" else nullcontext():
+        model = mechanism.compile(parameters, numbers or {}, dt)
+        data = mujoco.MjData(model)
+        if n_steps * sum(getattr(data, field).size for field in RECORDED_FIELDS) > MAX_RECORDED_VALUES:
+            raise InputError(
+                f"{mechanism.file.path}: {n_steps} steps of {1e3 * dt:g} ms, {model.nq} positions and {model.nsite} "
+                "sites are too many to record; use a longer time step, shorter trials or a smaller model"
+            )
+        actuators = {name: DeviceActuator(model, mechanism.find_actuator(model, name)) for name in devices}
+        _place_joints(model, data, initial_positions or {})
+        schedule = _schedule_controls(mechanism, model, actuators, inputs, n_steps)
+        for name, position in schedule.initial_positions.items():
+            data.joint(name).qpos[0] = position
+        try:
+            with callbacks.device_callbacks(backend) as used_backend:
+                joints = mechanism.driven_joints
+                move_to_rest(model, data, actuators, schedule.initial_pressures, schedule.resting_controls, joints)
+                for name, speed in schedule.initial_speeds.items():
+                    data.joint(name).qvel[0] = speed
+                initial_qpos, initial_act = data.qpos.copy(), data.act.copy()
+                run = _run_compiled if used_backend == "compiled" else _run_in_python
+                fields, has_failed = run(model, data, schedule.controls)
+        except SimulationError as error:  # a device notices first that its length is not finite
+            raise SimulationError(f"the model {mechanism.file.path} diverges: {error}") from None
     if has_failed or not all(np.isfinite(values).all() for values in fields.values()):
         raise SimulationError(f"the model {mechanism.file.path} diverges: {_describe_failure(fields, dt)}")
     return MechanismRollout(
         mechanism,
         model,
         dt,
-        {k: np.asarray(v) for k, v in inputs.items()},
+        {name: np.asarray(values) for name, values in inputs.items()},
         fields,
         initial_qpos,
         initial_act,
         used_backend,
     )
+
+
+class _Schedule(NamedTuple):
+    """Controls of a rollout, and the start that belongs to them."""
+
+    controls: Array
+    """Controls (steps, nu)."""
+    resting_controls: Array
+    """Controls (nu) under which the mechanism rests at the start."""
+    initial_pressures: dict[str, float]
+    """Device -> command or pressure at the start [Pa]."""
+    initial_positions: dict[str, float]
+    """Driven joint -> position at the start [m or rad]."""
+    initial_speeds: dict[str, float]
+    """Driven joint -> speed before the first step [m/s or rad/s]."""
+
+
+def _schedule_controls(
+    mechanism: Mechanism,
+    model: mujoco.MjModel,
+    actuators: Mapping[str, DeviceActuator],
+    inputs: Mapping[str, Array],
+    n_steps: int,
+) -> _Schedule:
+    """Return the controls that impose ``inputs`` on ``model``."""
+    dt = model.opt.timestep
+    schedule = _Schedule(np.zeros((n_steps, model.nu)), np.zeros(model.nu), {}, {}, {})
+    for name, binding in mechanism.bindings.items():
+        values, quantity = np.asarray(inputs[name], dtype=np.float64), binding.channel.quantity
+        if quantity in ("pressure", "pressure_command"):
+            actuator = actuators[binding.name]
+            control, delayed = actuator.ctrl_address, _delay(values, get_dead_time(actuator.parameters) / dt)
+            is_opening = actuator.parameters.supply.command_is_opening != 0.0
+            schedule.controls[:, control] = delayed if is_opening else delayed / BAR
+            schedule.resting_controls[control] = schedule.controls[0, control]
+            schedule.initial_pressures[binding.name] = float(values[0])
+            continue
+        is_driven = quantity in ("angle", "position")
+        name_actuator = drives.name_drive if is_driven else drives.name_load
+        control = int(model.actuator_ctrladr[model.actuator(name_actuator(binding.name)).id])
+        schedule.controls[:, control] = (
+            drives.compute_drive_commands(values, dt, model.opt.integrator) if is_driven else values
+        )
+        schedule.resting_controls[control] = values[0]
+        if is_driven:
+            schedule.initial_positions[binding.name] = float(values[0])
+            schedule.initial_speeds[binding.name] = drives.compute_initial_speed(values, dt)
+    return schedule
 
 
 def make_pressure_prescribed(parameters: DeviceParameters) -> DeviceParameters:
@@ -233,10 +271,6 @@ def make_pressure_prescribed(parameters: DeviceParameters) -> DeviceParameters:
     )
     effects = catalogue.select_effects(parameters.effects, lambda slot: not set(slot.form.laws) <= SUPPLY_HOOKS)
     return parameters._replace(supply=supply, effects=effects)
-
-
-SUPPLY_HOOKS = frozenset({"supply", "pressure_target", "pressure_reached", "next_state"})
-"""Hooks of effects that act between the command and the pressure in the muscle; a dead time has no hook."""
 
 
 def _has_prescribed_pressure(mechanism: Mechanism, device: str) -> bool:
@@ -268,10 +302,6 @@ def _place_joints(model: mujoco.MjModel, data: mujoco.MjData, positions: Mapping
         joint = model.joint(name)
         low, high = model.jnt_range[joint.id] if model.jnt_limited[joint.id] else (-np.inf, np.inf)
         data.qpos[joint.qposadr[0]] = np.clip(value, low, high)
-
-
-def _find_control(model: mujoco.MjModel, actuator: str) -> int:
-    return int(model.actuator_ctrladr[model.actuator(actuator).id])
 
 
 def _delay(values: Array, delay_steps: float) -> Array:
