@@ -77,7 +77,7 @@ def test_assumed_numbers_are_marked() -> None:
         (["device", "klute-3-4", "--pressure", "6"], "allows 0 to 5 bar"),
         (["device", "klute-3-4", "--pressure", "nan"], "allows 0 to 5 bar"),
         (["device", "missing.toml"], "no device 'missing.toml'"),
-        (["walk"], "there is no command 'walk'; run klute-sim --help for a list of all commands"),
+        (["stroll"], "there is no command 'stroll'; run klute-sim --help for a list of all commands"),
         (["diagnos"], "there is no command 'diagnos'; did you mean 'diagnose'? "),
         (["--gait"], "No such option"),
         (["gait", "--mass", "82 kg"], "'82 kg' is not a number; write the number alone, in kg"),
