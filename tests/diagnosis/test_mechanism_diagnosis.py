@@ -6,9 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from klute_sim.api.diagnosis import diagnose, load_dataset
 from klute_sim.datasets.dataset import split_dataset
+from klute_sim.datasets.mechanism_channels import parse_channel
+from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
@@ -17,6 +20,8 @@ from klute_sim.diagnosis.experiments.simulator import Simulator, observe, simula
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.workflow import fit_base_device
 from klute_sim.errors import InputError
+from klute_sim.mechanism.assembly import Mechanism
+from klute_sim.mechanism.simulate import simulate_mechanism
 from klute_sim.plant.mjcf.model_file import load_model_file
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers
 from tests.diagnosis import synthetic_joint_dataset as joint
@@ -104,6 +109,15 @@ def test_channel_bound_to_nothing_is_one_sentence(tmp_path: Path) -> None:
         prepare_experiments(dataset, split_dataset(dataset))
 
 
+def test_device_without_pressure_is_one_sentence(tmp_path: Path) -> None:
+    folder = joint.write_dataset(tmp_path, **SHORT)
+    path = folder / "dataset.toml"
+    path.write_text(path.read_text().replace(", 'pressure_command_extensor'", ""))
+    dataset = load_dataset(folder)
+    with pytest.raises(InputError, match="device 'extensor' has no pressure; prescribe pressure_command_extensor"):
+        prepare_experiments(dataset, split_dataset(dataset))
+
+
 def test_numbers_of_model_and_devices_are_recovered(tmp_path: Path) -> None:
     options = {**SHORT, "repeats": 2, "seconds": 3.0}
     truth = PAIR.with_changes({"muscle.friction_offset_n": -28.0})
@@ -142,3 +156,49 @@ def test_effect_of_one_device_is_named_and_files_come_out(tmp_path: Path) -> Non
 def test_nothing_is_missing_where_only_numbers_are_uncertain(tmp_path: Path) -> None:
     folder = joint.write_dataset(tmp_path, true_numbers=TRUE_NUMBERS, uncertain=UNCERTAIN)
     assert diagnose(folder, only=["pressure_lag", "leak", "sensor_gain"]).verdict == "nothing-missing"
+
+
+def test_muscle_is_recovered_from_the_moment_of_a_driven_knee_under_measured_pressures(tmp_path: Path) -> None:
+    """A jig turns the knee, pressures are those in the muscles, and a torque sensor measures the moment."""
+    truth = load_device("klute-1-1-4-pair").with_changes({"muscle.friction_offset_n": 130.0})
+    tendons, origin = ("extensor", "flexor"), -0.29
+    prescribed = ("angle_knee", "pressure_extensor", "pressure_flexor")
+    numbers = {f"model.site.{tendon}_origin.pos_x": origin for tendon in tendons}
+    time, step = np.arange(0.0, 3.0, 0.01), 1e-4
+    fine = np.arange(0.0, 2.99, step)
+    motion = np.clip(time - 0.5, 0.0, None)
+    inputs = {
+        "angle_knee": np.radians(25.0 + 15.0 * np.sin(2.0 * np.pi * 0.8 * motion) * np.minimum(motion, 1.0)),
+        "pressure_extensor": 2.5e5 + 1e5 * np.sin(2.0 * np.pi * 0.5 * motion),
+        "pressure_flexor": 2.0e5 + 0.5e5 * np.sin(2.0 * np.pi * 0.9 * motion),
+    }
+    mechanism = Mechanism(load_model_file("knee_jig"), tendons, prescribed)
+    fine_inputs = {name: CubicSpline(time, values)(fine) for name, values in inputs.items()}
+    devices = dict.fromkeys(tendons, truth.parameters)
+    rollout = simulate_mechanism(mechanism, devices, fine_inputs, step, numbers=numbers)
+    moment = np.interp(time, fine, rollout.read_channel(mechanism.bind(parse_channel("moment_knee"))))
+    noise = np.random.default_rng(0).normal(0.0, 0.05, (2, len(time)))
+    lines = [
+        *('format = "klute-sim-dataset/2"', 'rig = "mjcf"', 'model = "knee_jig"', 'device = "klute-1-1-4-pair"'),
+        *(f"prescribed = {list(prescribed)}", 'measured = ["moment_knee"]', "[numbers]"),
+        *(f'"{name}" = {value}' for name, value in numbers.items()),
+        *("[uncertain]", '"muscle.friction_offset_n" = "15 %"'),
+    ]
+    for repeat in range(2):
+        columns = {
+            "time [s]": time,
+            "angle_knee [deg]": np.degrees(inputs["angle_knee"]),
+            **{f"pressure_{tendon} [bar]": inputs[f"pressure_{tendon}"] / 1e5 for tendon in tendons},
+            "moment_knee [N*m]": moment + noise[repeat],
+        }
+        write_trial(tmp_path / f"swing_{repeat}.csv", columns)
+        lines += ["[[trial]]", f'files = ["swing_{repeat}.csv"]', 'group = "swing"']
+    (tmp_path / "dataset.toml").write_text("\n".join(lines))
+    dataset = load_dataset(tmp_path)
+    experiments = prepare_experiments(dataset, split_dataset(dataset))
+    simulator = Simulator(2)
+    fit, _ = fit_base_device(dataset, experiments, simulator)
+    simulator.close()
+    assert fit.values[0] == pytest.approx(130.0, rel=0.02)
+    residual = fit.residuals[0]["moment_knee"]
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(0.05, rel=0.2)

@@ -61,11 +61,13 @@ def _find_implausible_devices(
         time_unit = trial_units[TIME_COLUMN]
         for tendon, device in trial.devices.items():
             names = {name: f"{name}_{normalize_name(tendon)}" for name in SI_UNITS if name != "length"}
+            if names["pressure_command"] not in samples:  # a prescribed pressure takes the place of the command
+                names["pressure_command"] = names.pop("pressure")
             device_channels = {
-                name: Channel(series[own].time, samples[own]._replace(channel=name))
-                for name, own in names.items()
-                if own in samples
+                name: Channel(series[own].time, samples[own]) for name, own in names.items() if own in samples
             }
+            if "pressure_command" not in device_channels:  # the preparation of the trial reports it
+                continue
             device_trial = RecordedTrial(
                 name=f"{trial.name}, {tendon}",
                 channels=device_channels,
