@@ -1,5 +1,6 @@
 """Evaluation on the test trials, with which nothing was chosen: do they confirm what was named?"""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,9 @@ import numpy as np
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.fitting.least_squares import WeightedData
 from klute_sim.diagnosis.noise import repeats
-from klute_sim.diagnosis.result import ChannelRms, Diagnosis
+from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
+from klute_sim.diagnosis.noise.repeats import Residuals
+from klute_sim.diagnosis.result import ChannelRms, Diagnosis, Verdict
 from klute_sim.types import Array
 
 MAX_REMAINING_FRACTION = 0.6
@@ -17,6 +20,9 @@ MIN_CHANGE = 0.02
 MIN_SHARE_FRACTION = 0.5
 """Smallest fraction of the share that a model of an imperfect law takes on other trials, to be taken on test trials
 (assumed)."""
+MAX_UNSEEN_MISFIT = 1.0
+"""Largest misfit of the test trials, over the noise, with which nothing is missing (assumed: other trials may show a
+quarter of the noise, and test trials may go where those have not been)."""
 NEGLIGIBLE_GAP = 0.15
 """Squared gap beyond noise, over the squared noise, that counts as none (assumed: sampling of the noise)."""
 
@@ -25,12 +31,41 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
     """Set the residuals of ``diagnosis`` on its test trials, and demote a verdict that they do not confirm.
 
     A complete model must take most of the gap beyond noise. A model of an imperfect law must take at least half of the
-    share there that it takes of the trials that were left out. ``data`` hold the fitted trials with the noise between
-    repeats.
+    share there that it takes of the trials that were left out. Nothing is missing, and a model is complete, only if the
+    repeats of test trials share no large misfit. ``data`` hold the fitted trials with the noise between repeats.
     """
-    _compute_residuals(diagnosis, data)
-    if diagnosis.evaluated_on != "test" or not diagnosis.added_terms:
+    evaluated, residuals = _compute_residuals(diagnosis, data)
+    if diagnosis.evaluated_on != "test":
         return
+    judge_misfit(diagnosis, estimate_misfit(evaluated.experiments, residuals, data.noise))
+    if diagnosis.added_terms:
+        judge_names(diagnosis)
+
+
+def judge_misfit(diagnosis: Diagnosis, misfits: Mapping[str, Misfit]) -> None:
+    """Demote a verdict that leaves a misfit on the test trials which it denies."""
+    misfits = {
+        channel: misfit
+        for channel, misfit in misfits.items()
+        if is_significant(misfit)
+        and misfit.rms > MAX_UNSEEN_MISFIT * misfit.noise_rms
+        and misfit.rms > diagnosis.dataset.tolerance.get(channel, 0.0)
+    }
+    demoted: dict[Verdict, Verdict] = {"nothing-missing": "unexplained", "identified": "identified-in-part"}
+    if not misfits or diagnosis.verdict not in demoted:
+        return
+    channel = max(misfits, key=lambda name: misfits[name].rms / misfits[name].noise_rms)
+    diagnosis.verdict = demoted[diagnosis.verdict]
+    diagnosis.reasons.insert(
+        0,
+        f"All repeats of '{channel}' in the test trials show a misfit of "
+        f"{misfits[channel].rms / misfits[channel].noise_rms:.2f} times the noise, which the other trials do not show: "
+        "the test goes where they have not been. Give such trials to the fit as well.",
+    )
+
+
+def judge_names(diagnosis: Diagnosis) -> None:
+    """Set whether the test trials confirm the added effects, and demote a verdict that they do not confirm."""
     squares = [
         (np.square([gap.refitted, gap.with_effects]) / gap.noise_floor**2 - 1.0)
         for gap in diagnosis.channel_rms.values()
@@ -69,8 +104,11 @@ def _compare_without_noise(diagnosis: Diagnosis) -> list[Array]:
     return [np.square([gap.refitted, gap.with_effects]) / gap.refitted**2 for gap in changed or gaps]
 
 
-def _compute_residuals(result: Diagnosis, data: WeightedData) -> None:
-    """Set the residuals of each channel on the test trials, or on the fitted trials where there are none."""
+def _compute_residuals(result: Diagnosis, data: WeightedData) -> tuple[WeightedData, Residuals]:
+    """Set the residuals of each channel on the test trials, or on the fitted trials where there are none.
+
+    Returns these trials, and their residuals of the final fit.
+    """
     held_out = [e for e in result.experiments if e.use == "test" and e.measured]
     result.evaluated_on = "test" if held_out else "fit"
     evaluated = data.with_experiments(held_out or data.experiments)
@@ -108,3 +146,4 @@ def _compute_residuals(result: Diagnosis, data: WeightedData) -> None:
         result.channel_rms[channel] = ChannelRms(
             nominal=rms[0], refitted=rms[1], with_effects=rms[2], noise_floor=noise_floor
         )
+    return evaluated, residuals[2]
