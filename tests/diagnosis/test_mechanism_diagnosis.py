@@ -18,12 +18,14 @@ from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator, observe, simulate_extrapolated
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.number_error import list_model_error_candidates
 from klute_sim.diagnosis.workflow import fit_base_device
 from klute_sim.errors import InputError
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.mechanism.simulate import simulate_mechanism
 from klute_sim.plant.mjcf.model_file import load_model_file
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers
+from klute_sim.report.diagnosis.text import format_term
 from tests.diagnosis import synthetic_joint_dataset as joint
 
 PAIR = load_device("klute-3-4-pair")
@@ -131,6 +133,36 @@ def test_numbers_of_model_and_devices_are_recovered(tmp_path: Path) -> None:
     assert mass == pytest.approx(1.15, rel=0.03)
     assert damping == pytest.approx(0.08, rel=0.15)
     assert offset == pytest.approx(-28.0, abs=6.0)
+
+
+def test_numbers_of_the_model_are_candidates_for_errors(tmp_path: Path) -> None:
+    dataset = load_dataset(joint.write_dataset(tmp_path, uncertain={"model.geom.load.mass": "10 %"}, **SHORT))
+    names = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))
+    assert "model.joint.joint.damping" in names
+    assert "model.site.flexor_origin.pos_z" in names
+    assert "model.geom.load.mass" not in names
+    assert "model.joint.joint.frictionloss" not in names  # 0: there is none
+    values = tuple(dataset.model_values.items())
+    hypothesis = Hypothesis(dataset.device, (), (), (), (), values)
+    hypothesis = hypothesis.with_term(EffectTerm("number_error", "value", number="model.joint.joint.damping"))
+    experiments = prepare_experiments(dataset, split_dataset(dataset))
+    (setup,) = hypothesis.build_setups(np.array([1.0]), experiments)
+    assert dict(setup.model_numbers) == pytest.approx({"model.joint.joint.damping": 0.075})
+    assert setup.devices == SimulationSetup(PAIR.parameters, devices=(PAIR.parameters,) * 2).devices
+    assert format_term(hypothesis.terms[0]) == "damping of the joint 'joint'"
+    assert format_term(EffectTerm("leak", "orifice", tendon="flexor")) == "leak of flexor"
+
+
+@pytest.mark.slow
+def test_wrong_number_of_the_model_is_named(tmp_path: Path) -> None:
+    folder = joint.write_dataset(tmp_path / "data", true_numbers={"model.joint.joint.damping": 0.12})
+    result = diagnose(folder, only=["number_error", "pressure_lag", "seal_friction"])
+    assert result.verdict == "identified"
+    assert [effect.number for effect in result.effects] == ["model.joint.joint.damping"]
+    assert "A number of the model is wrong: damping of the joint 'joint'." in str(result)
+    output = result.save(tmp_path / "out", report=False)
+    numbers = collect_model_numbers(load_model_file(output / "model.xml").make_spec())
+    assert numbers["model.joint.joint.damping"] == pytest.approx(0.12, rel=0.15)
 
 
 @pytest.mark.slow

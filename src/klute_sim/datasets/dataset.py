@@ -67,6 +67,11 @@ class Dataset:
         known = {} if self.mechanism is None else self.mechanism.collect_nominal_numbers()
         return {name: known[name] for name in self.uncertainties if name in known}
 
+    @property
+    def model_values(self) -> Mapping[str, float]:
+        """All numbers of the model of the mechanism: name -> nominal value; empty on another rig."""
+        return {} if self.mechanism is None else self.mechanism.model_values
+
     def __repr__(self) -> str:
         """Return folder, rig, device and number of trials on one line."""
         return (

@@ -126,14 +126,18 @@ def _declare_mechanism_numbers(hypothesis: Hypothesis, dataset: Dataset) -> Hypo
     """Return ``hypothesis`` with the numbers of the mechanism of ``dataset``, whose relative errors stay the same."""
     known = {} if dataset.mechanism is None else dataset.mechanism.collect_nominal_numbers()
     numbers, deviations = {}, dict(hypothesis.uncertainties)
+    fitted = {parameter.name for parameter in hypothesis.parameters}
     for name, declared in hypothesis.mechanism_numbers:
+        if name not in fitted:
+            continue
         if name not in known:
             raise InputError(
                 f"the mechanism of dataset '{dataset.folder.name}' has no number '{name}', which the diagnosis fitted; "
                 "use the same names in its model and devices"
             )
         numbers[name] = known[name]
-        deviations[name] *= abs(known[name] / declared) if declared != 0.0 else 1.0
+        if name in deviations:
+            deviations[name] *= abs(known[name] / declared) if declared != 0.0 else 1.0
     return replace(hypothesis, uncertainties=tuple(deviations.items()), mechanism_numbers=tuple(numbers.items()))
 
 

@@ -49,7 +49,7 @@ def diagnose(
     Raises InputError when the rig of the dataset cannot simulate its trials.
     """
     options = options or DiagnosisOptions()
-    check_effect_names(dataset.device, options.only, options.exclude)
+    check_effect_names(dataset.device, options.only, options.exclude, dataset.model_values)
     partition = split_dataset(dataset)
     simulator, cache = Simulator(options.n_jobs), FitCache(f"{dataset.digest} {dataset.device.digest} {options}")
     try:
@@ -171,7 +171,8 @@ def fit_base_device(
 ) -> tuple[Fit, WeightedData]:
     """Return the fit of the device without added effects, and the data weighted by the noise of its residuals."""
     registration = tuple(experiments[0].registration_deviations.items())
-    uncertainties, mechanism_numbers = tuple(dataset.uncertainties.items()), tuple(dataset.nominal_numbers.items())
+    uncertainties = tuple(dataset.uncertainties.items())
+    mechanism_numbers = tuple({**dataset.model_values, **dataset.nominal_numbers}.items())
     nominal = Hypothesis(dataset.device, uncertainties, (), (), registration, mechanism_numbers)
     unweighted = WeightedData(simulator, experiments, {})
     estimate_noise = (

@@ -141,8 +141,9 @@ class Effect:
     """Name in device files."""
     description: str
     """One sentence on the effect's cause and consequence."""
-    kind: Literal["device", "body", "instrument", "number"]
-    """Part of the experiment that has the effect. The catalogue has no 'number': a wrong number of the device file."""
+    kind: Literal["device", "body", "instrument", "number", "model number"]
+    """Part of the experiment that has the effect. The catalogue has no 'number' (a wrong number of the device file) and
+    no 'model number' (one of the model of a mechanism)."""
     forms: tuple[EffectForm, ...]
     """Functional forms; the default one first."""
     replaces_switch: str = ""

@@ -113,7 +113,7 @@ class Hypothesis:
     registration: tuple[tuple[str, float], ...] = ()
     """Name and standard deviation of each error of the registration of a walk."""
     mechanism_numbers: tuple[tuple[str, float], ...] = ()
-    """Name and nominal value of each uncertain number of a mechanism: of its model, or of one of its devices."""
+    """Name and nominal value of each number of a mechanism's model, and of each uncertain number of its devices."""
 
     def with_term(self, term: EffectTerm) -> "Hypothesis":
         """Return the hypothesis with ``term`` added."""
@@ -160,7 +160,7 @@ class Hypothesis:
         return tuple(parameters)
 
     def _make_number_parameter(self, key: str, term_index: int) -> FitParameter:
-        nominal = self.device.spec.collect_values()[key]
+        nominal = {**self.device.spec.collect_values(), **dict(self.mechanism_numbers)}[key]
         error = compute_plausible_error(key, nominal)
         lower, upper = nominal - BOUND_SIGMAS * error, nominal + BOUND_SIGMAS * error
         if nominal > 0.0:
@@ -222,7 +222,11 @@ class Hypothesis:
                 and not parameter.name.startswith(REGISTRATION_PREFIX)
                 and parameter.name not in other_names
             )
-            or (parameter.term_index is not None and self.terms[parameter.term_index].number)
+            or (
+                parameter.term_index is not None
+                and self.terms[parameter.term_index].number
+                and parameter.name not in other_names
+            )
         }
 
     def collect_mechanism_numbers(self, values: Sequence[float]) -> dict[str, float]:

@@ -1,13 +1,15 @@
-"""Errors of the numbers in a device file: the commonest cause of a misfit that is not a missing effect.
+"""Errors of numbers in a device file or in the model of a mechanism: the commonest misfit without a missing effect.
 
 A number that the dataset does not declare uncertain may still be wrong: a length read from the wrong end, a nominal
 radius, a tube from another batch. Each such number is a candidate beside the effects. Its plausible error bounds it,
 and says nothing more: two numbers that explain the data equally well are both reported, whichever is the likelier.
 """
 
+from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
 
+from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.device.schema.document import DeviceSpec
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 
@@ -53,6 +55,17 @@ PLAUSIBLE_ERRORS = {
     "supply.dead_volume_cm3": PlausibleError(relative=0.2, source="assumed: tubes and fittings"),
 }
 """``section.key`` -> plausible error; :data:`DEFAULT_PLAUSIBLE_ERROR` for other keys."""
+_DRY_FRICTION = PlausibleError(relative=0.5, source="assumed: depends on load and wear")
+MODEL_PLAUSIBLE_ERRORS = {
+    ("joint", "damping"): PlausibleError(relative=0.5, source="assumed: depends on grease and temperature"),
+    ("joint", "frictionloss"): _DRY_FRICTION,
+    ("joint", "stiffness"): PlausibleError(relative=0.1, source="assumed: springs as sold"),
+    ("tendon", "frictionloss"): _DRY_FRICTION,
+    ("geom", "mass"): PlausibleError(relative=0.05, source="assumed: weighed with its fittings"),
+    ("body", "mass"): PlausibleError(relative=0.05, source="assumed: weighed with its fittings"),
+    **{("site", f"pos_{axis}"): PlausibleError(2e-3, 0.0, "assumed: ruler") for axis in "xyz"},
+}
+"""(element, number) of a model -> plausible error; other numbers of models are not tested."""
 
 
 def list_error_candidates(spec: DeviceSpec, uncertain_keys: frozenset[str]) -> dict[str, float]:
@@ -71,9 +84,32 @@ def list_error_candidates(spec: DeviceSpec, uncertain_keys: frozenset[str]) -> d
     }
 
 
+def list_model_error_candidates(values: Mapping[str, float], uncertain_keys: frozenset[str]) -> list[str]:
+    """Return the names of the numbers of a model that may be wrong, among its ``values`` (name -> value).
+
+    ``uncertain_keys`` are fitted anyway, and zeros mean that a part is absent.
+    """
+    return [
+        name
+        for name, value in values.items()
+        if name not in uncertain_keys and value != 0.0 and _split_model_name(name) in MODEL_PLAUSIBLE_ERRORS
+    ]
+
+
+def _split_model_name(name: str) -> tuple[str, str]:
+    """Return element and number of ``model.<element>.<name of the element>.<number>``."""
+    return name.split(".")[1], name.rpartition(".")[2]
+
+
+def _find_plausible_error(key: str) -> PlausibleError:
+    if is_model_number(key):
+        return MODEL_PLAUSIBLE_ERRORS.get(_split_model_name(key), DEFAULT_PLAUSIBLE_ERROR)
+    return PLAUSIBLE_ERRORS.get(key, DEFAULT_PLAUSIBLE_ERROR)
+
+
 def compute_plausible_error(key: str, value: float) -> float:
     """Return the plausible error of number ``key`` with ``value``, both in the unit of the key."""
-    error = PLAUSIBLE_ERRORS.get(key, DEFAULT_PLAUSIBLE_ERROR)
+    error = _find_plausible_error(key)
     return error.absolute + error.relative * abs(value)
 
 
@@ -86,12 +122,13 @@ def make_number_effect(key: str) -> Effect:
         lower=-BOUND_SIGMAS,
         upper=BOUND_SIGMAS,
         typical=1.0,
-        source=PLAUSIBLE_ERRORS.get(key, DEFAULT_PLAUSIBLE_ERROR).source,
+        source=_find_plausible_error(key).source,
     )
-    form = EffectForm(name="value", equation=f"{key} differs from the device file", parameters=(parameter,))
+    file = "MJCF file" if is_model_number(key) else "device file"
+    form = EffectForm(name="value", equation=f"{key} differs from the {file}", parameters=(parameter,))
     return Effect(
         name=NUMBER_ERROR_NAME,
-        description="A number of the device file is wrong.",
-        kind="number",
+        description=f"A number of the {file} is wrong.",
+        kind="model number" if is_model_number(key) else "number",
         forms=(form,),
     )

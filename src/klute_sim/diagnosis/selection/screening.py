@@ -6,7 +6,7 @@ only by the part that they cannot.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,11 @@ from klute_sim.diagnosis.data_quality import is_supply_only
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, linearize
-from klute_sim.diagnosis.fitting.number_error import NUMBER_ERROR_NAME, list_error_candidates
+from klute_sim.diagnosis.fitting.number_error import (
+    NUMBER_ERROR_NAME,
+    list_error_candidates,
+    list_model_error_candidates,
+)
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect
 from klute_sim.effects.families import instrument
@@ -58,9 +62,14 @@ class Candidate(NamedTuple):
     """Predicted change of these parameters with the effect."""
 
 
-def check_effect_names(device: Device, only: Sequence[str], exclude: Sequence[str]) -> None:
-    """Raise InputError for an unknown effect or number, and for an effect in ``only`` that ``device`` cannot lack."""
-    numbers = {NUMBER_ERROR_NAME, *device.spec.collect_values()}
+def check_effect_names(
+    device: Device, only: Sequence[str], exclude: Sequence[str], model_numbers: Iterable[str] = ()
+) -> None:
+    """Raise InputError for an unknown effect or number, and for an effect in ``only`` that ``device`` cannot lack.
+
+    ``model_numbers`` are the names of the numbers of a mechanism's model.
+    """
+    numbers = {NUMBER_ERROR_NAME, *device.spec.collect_values(), *model_numbers}
     for name in (*only, *exclude):
         if name not in numbers:
             catalogue.find_form(name, None)
@@ -112,9 +121,10 @@ def list_candidate_terms(
     numbers = list_error_candidates(device.spec, frozenset(dataset.uncertainties))
     if is_supply_only(data.experiments):
         numbers = {key: error for key, error in numbers.items() if key.partition(".")[0] in PNEUMATIC_SECTIONS}
+    model_numbers = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))
     return terms + [
         EffectTerm(NUMBER_ERROR_NAME, "value", number=key)
-        for key in numbers
+        for key in (*numbers, *model_numbers)
         if key not in exclude and (not only or key in only or NUMBER_ERROR_NAME in only)
     ]
 

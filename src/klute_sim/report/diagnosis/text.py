@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from klute_sim import units
+from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.equation_residuals import EQUATION_UNITS, select_significant_equations
 from klute_sim.effects import catalogue
+from klute_sim.plant.mjcf.model_numbers import PREFIX
 
 SIGNIFICANT_DIGITS = 4
 """Number of significant digits of a formatted number."""
@@ -54,12 +56,17 @@ def humanize_identifier(identifier: str) -> str:
 
 
 def format_term(term: EffectTerm) -> str:
-    """Return the effect of ``term`` in words, with form and channel if it has them, or the number that may be wrong."""
+    """Return the effect of ``term`` in words, with form and channel or tendon, or the number that may be wrong."""
+    if term.number and is_model_number(term.number):
+        element, _, rest = term.number.removeprefix(PREFIX).partition(".")
+        name, _, number = rest.rpartition(".")
+        return f"{number} of the {element} '{name}'"
     if term.number:
         section, _, key = term.number.partition(".")
         return f"{split_key(key)[0]} of the {section}"
     form = f" ({humanize_identifier(term.form)})" if len(term.effect_definition.forms) > 1 else ""
-    channel = f" of {humanize_identifier(term.channel)}" if term.channel else ""
+    owner = term.channel or term.tendon
+    channel = f" of {humanize_identifier(owner)}" if owner else ""
     return f"{humanize_identifier(term.effect)}{form}{channel}"
 
 
@@ -117,6 +124,7 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
         ("body", "the simulated foot and ankle lack"),
         ("instrument", "an instrument has a fault:"),
         ("number", "a number of the device file is wrong:"),
+        ("model number", "a number of the model is wrong:"),
     )
     for kind, subject in subjects:
         effects = [format_term(t) for t in diagnosis.added_terms if t.effect_definition.kind == kind]
