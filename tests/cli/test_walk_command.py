@@ -136,7 +136,7 @@ def test_list_shows_all_shipped_walkers() -> None:
         (("--spring-foot", "8", "--controller", "off"), "a spring foot replaces the device and takes no command"),
         (("--walker", "nobody"), "there is no walker 'nobody'"),
         (("--walker", "intact-1"), "walker intact-1 walks with two legs of flesh, not with a prosthesis"),
-        (("--seconds", "0.1"), "duration is 0.1; allowed: 1 to 400 s"),
+        (("--seconds", "0.1"), "duration is 0.1; allowed: 1 to 200 s"),
         (("--step", "2"), "time step is 2 ms; allowed: 0.01 to 1 ms"),
         (("--push", "hard"), "'hard' is no push; write the impulse"),
         (("--uneven", "80"), "unevenness is 80; allowed: 0 to 50 mm"),

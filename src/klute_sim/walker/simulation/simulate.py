@@ -23,8 +23,8 @@ from klute_sim.walker.simulation.recording import build_recording
 from klute_sim.walker.simulation.simulator import WalkSimulator
 from klute_sim.walker.simulation.walk import Push, Walk
 
-MAX_SAMPLES = 400_000
-"""Largest number of time steps of a walk; a step takes about 2 kB until the recording is written."""
+MAX_SAMPLES = 200_000
+"""Largest number of time steps of a walk; a step takes about 2 kB of memory and 0.5 kB on disk."""
 KIND = "predicted (planar reflex model)"
 """What a walk is, beside the tracked gait of the gait rig."""
 
