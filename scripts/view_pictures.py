@@ -1,4 +1,4 @@
-"""Regenerate the figures of docs/view.md: the windows of a gait run and of the example diagnosis.
+"""Regenerate the figures of the viewer in the documentation: a gait run, a walk and the example diagnosis.
 
     python scripts/view_pictures.py docs/pictures
 
@@ -25,6 +25,7 @@ EFFECT_OPTIONS = ["--only", "braid_hysteresis", "--only", "seal_friction"]
 """Effects that the diagnosis considers, which limits its duration."""
 VIEWS = {
     "gait": (["gait", "--strides", "2"], ["--at", "1.65"]),
+    "walk": (["walk", "--seconds", "8"], ["--at", "5.3"]),
     "diagnose": (["diagnose", "data", "--example", *EFFECT_OPTIONS], []),
 }
 """Command that creates the folder, and options of the view, by name of the figure."""
