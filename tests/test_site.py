@@ -60,7 +60,7 @@ def test_broken_link_is_an_error(tmp_path: Path) -> None:
     assert "there.md" in completed.stderr
 
 
-@pytest.mark.parametrize("name", ["gait", "diagnose"])
+@pytest.mark.parametrize("name", ["gait", "walk", "diagnose"])
 def test_viewer_figures_are_current(name: str) -> None:
     view_pictures = load_script("view_pictures")
     assert name in view_pictures.VIEWS

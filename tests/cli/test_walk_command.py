@@ -191,3 +191,19 @@ def test_every_shipped_walker_walks_a_minute_in_its_condition(name: str) -> None
     assert not walked.summary["is_acute"]
     assert not walked.outcomes.has_fallen
     assert walked.outcomes.speed_m_per_s == pytest.approx(1.25, abs=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "bounds"),
+    [
+        ("intact-1", {"hip": 0.95, "knee": 0.96, "ankle": 0.80, "grf_vertical": 0.93, "grf_forward": 0.82}),
+        ("machine-1", {"hip": 0.95, "knee": 0.94, "ankle": 0.80, "grf_vertical": 0.88, "grf_forward": 0.84}),
+    ],
+)
+def test_intact_leg_of_a_shipped_walker_is_human_like(name: str, bounds: dict[str, float]) -> None:
+    walked = ks.simulate_walk(walker=name, intact=name.startswith("intact"), seconds=30.0)
+    likeness = walked.outcomes.legs["left"].likeness
+    assert {curve: likeness[curve].correlation >= bound for curve, bound in bounds.items()} == dict.fromkeys(
+        bounds, True
+    )

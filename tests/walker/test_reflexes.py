@@ -141,5 +141,5 @@ def test_shipped_walkers_belong_to_this_body_and_are_found_by_condition() -> Non
     for name in list_walkers():
         load_walker(name).check_fits(body, contact)
     assert select_walker(describe_condition("none")).is_intact
-    with pytest.raises(InputError, match="there is no walker 'intact-0'; did you mean 'intact-1'"):
+    with pytest.raises(InputError, match="there is no walker 'intact-0'; did you mean 'intact-"):
         load_walker("intact-0")
