@@ -162,7 +162,7 @@ WRONG_LAWS = (
     ("gas force 2 L^2", "laws/mckibben.py", "(3.0 * length * length - b * b)", "(2.0 * length * length - b * b)"),
     ("gas that pulls", "laws/mckibben.py", "return 0.0 if pressure < 0.0 else pressure", "return pressure"),
     ("second invariant", "laws/mckibben.py", "i2 = a * q + 1.0 / a + 1.0 / q", "i2 = a * q + 1.0 / a + q"),
-    ("lock length", "laws/mckibben.py", "math.sqrt(3.0)", "math.sqrt(2.9)"),
+    ("lock length", "laws/mckibben.py", "braid_length / math.sqrt(3.0)", "braid_length / math.sqrt(2.9)"),
     ("orifice without -1", "laws/damper.py", "* discharge_coefficient) - 1.0)", "* discharge_coefficient))"),
     (
         "directions exchanged",

@@ -234,6 +234,7 @@ def test_size_search_stops_at_parameter_limits() -> None:
     assert sizes._scale_value(limit, 0.95, 100.0) == 0.7
 
 
+@pytest.mark.slow
 def test_out_of_catalogue_effects_change_expected_channels() -> None:
     program = inputs.generate_programs(np.random.default_rng(3))[0]
     program = program._replace(duration=2.0, length=program.length[:2001], command=program.command[:401])
