@@ -28,9 +28,9 @@ def _skip_without_extra(name: str) -> None:
 def test_mutated_file_is_read_or_refused_in_one_sentence(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     _skip_without_extra(name)
     monkeypatch.setattr(cases, "MAX_MEGABYTES", 2000.0)  # the process of the tests holds more than one of a campaign
-    result = cases.run_cases(name, 0, FEW_CASES.get(name, 25))
+    result = cases.run_cases(name, 0, FEW_CASES.get(name, 15))
     assert result.failures == {}
-    assert result.count == FEW_CASES.get(name, 25)
+    assert result.count == FEW_CASES.get(name, 15)
 
 
 @pytest.mark.long

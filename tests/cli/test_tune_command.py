@@ -47,6 +47,7 @@ def test_few_evaluations_reduce_the_objective_and_the_search_can_be_resumed(tmp_
     assert "peak plantarflexion [deg]" in resumed.stdout
 
 
+@pytest.mark.slow
 def test_search_for_an_imported_subject_uses_its_numbers_and_refuses_another_subject(tmp_path: Path) -> None:
     write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66, load_ratio=1.05)
     arguments = ("tune", "--reference", "me", "--budget", "1", "--jobs", "1", "--out", "t")

@@ -38,6 +38,7 @@ def make_plan(**controllers: PressureController) -> SweepPlan:
     return SweepPlan(devices={"a": load_device("klute-1-1-4-pair")}, controllers=controllers, strides=1, dt=1e-3)
 
 
+@pytest.mark.slow
 def test_killed_worker_is_retried_and_other_cases_are_unaffected(tmp_path: Path) -> None:
     plan = make_plan(
         off=create_off_controller(), killing=KillingController(str(tmp_path), 2), low=ConstantPressure(1e5)
