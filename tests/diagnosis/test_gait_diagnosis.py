@@ -257,15 +257,20 @@ def test_hidden_damper_friction_is_identified(tmp_path: Path) -> None:
     assert "of the stride" in " ".join(place.region for place in result.misfit_regions)
 
 
-def test_encoder_offset_is_identified_as_a_sensor_offset(tmp_path: Path) -> None:
+def test_small_encoder_offset_belongs_to_the_registration(tmp_path: Path) -> None:
+    """An angle's zero is known to one degree only, so nothing is missing."""
     offset = {"ankle_angle [deg]": 1.0}
     data = datasets.load_dataset(
         synthetic_gait_dataset.write_dataset(tmp_path / "data", offset=offset, groups=("fit_1", "validation_1"))
     )
     result = diagnose(data, DiagnosisOptions(only=("sensor_offset", "sensor_gain", "tendon_slack")))
-    assert list_terms(result) == ["sensor_offset of ankle_angle"]
+    assert result.verdict == "nothing-missing"
+    assert list_terms(result) == []
+    assert any("the zero of the ankle angle" in reason for reason in result.reasons)
     assert result.final_fit is not None
-    assert result.final_fit.values[-1] == pytest.approx(1.0, rel=0.03)
+    names = [parameter.name for parameter in result.final_fit.hypothesis.parameters]
+    zero = result.final_fit.values[names.index("registration.ankle_zero_deg")]
+    assert abs(zero) == pytest.approx(1.0, rel=0.1)
 
 
 def test_hidden_ankle_friction_is_identified_and_written_to_a_device_file(tmp_path: Path) -> None:
@@ -281,7 +286,8 @@ def test_hidden_ankle_friction_is_identified_and_written_to_a_device_file(tmp_pa
     assert result.verdict == "identified"
     assert list_terms(result) in (["ankle_friction (coulomb)"], ["ankle_friction (both)"])
     assert result.final_fit is not None
-    moment, (low, high) = result.final_fit.values[2], result.confidence_intervals[2]
+    index = [parameter.term_index for parameter in result.final_fit.hypothesis.parameters].index(0)
+    moment, (low, high) = result.final_fit.values[index], result.confidence_intervals[index]
     assert moment == pytest.approx(2.0, rel=0.05)
     assert low < 2.0 < high
     device = augment_device(result.final_fit, "data")

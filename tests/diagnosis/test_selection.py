@@ -29,7 +29,7 @@ NOT_SHOWN = ("bladder", "friction_offset", "leak")
     [
         (s.effect, s.form.name)
         for s in catalogue.get_device_slots()
-        if s.effect in catalogue.get_named_effects() and s.effect not in NOT_SHOWN
+        if s.effect in catalogue.get_named_effects() and s.effect not in NOT_SHOWN and not s.form.candidate_section
     ],
     ids="-".join,
 )
@@ -44,7 +44,7 @@ def test_screening_ranks_the_true_effect_first(key: tuple[str, str], fitted_data
     data = datasets.load_dataset(write_dataset(tmp_path / "d", {key: true_values}, groups=("fit_1", "fit_2")))
     simulator = Simulator(2)
     base, weighted_data = fit_base_device(data, prepare_experiments(data, datasets.split_dataset(data)), simulator)
-    result = screen_candidates(weighted_data, base, list_candidate_terms(weighted_data, data.device))
+    result = screen_candidates(weighted_data, base, list_candidate_terms(weighted_data, data))
     # The base fit absorbs most of a taper; the rest resembles a threshold or a load cell offset.
     tie_fraction = 0.5 if key[0] == "end_taper" else 0.95
     assert key[0] in {c.term.effect for c in result if c.predicted_gain > tie_fraction * result[0].predicted_gain}
@@ -68,17 +68,16 @@ def test_shortlist_has_all_forms_of_a_promising_effect() -> None:
 
 
 def test_candidates_exclude_effects_of_the_device(fitted_data: tuple) -> None:
-    _, weighted_data, _ = fitted_data
-    device = load_device("klute-3-4-pair")
-    names = {t.effect for t in list_candidate_terms(weighted_data, device)}
+    data, weighted_data, _ = fitted_data
+    names = {t.effect for t in list_candidate_terms(weighted_data, data)}
     assert "bladder" not in names
     assert {"end_taper", "sensor_gain"} <= names
-    assert {t.channel for t in list_candidate_terms(weighted_data, device) if t.effect == "sensor_gain"} == {
+    assert {t.channel for t in list_candidate_terms(weighted_data, data) if t.effect == "sensor_gain"} == {
         "force",
         "pressure",
     }
-    assert {t.effect for t in list_candidate_terms(weighted_data, device, only=("end_taper",))} == {"end_taper"}
-    assert "end_taper" not in {t.effect for t in list_candidate_terms(weighted_data, device, exclude=("end_taper",))}
+    assert {t.effect for t in list_candidate_terms(weighted_data, data, only=("end_taper",))} == {"end_taper"}
+    assert "end_taper" not in {t.effect for t in list_candidate_terms(weighted_data, data, exclude=("end_taper",))}
     with pytest.raises(InputError, match="there is no effect 'taper'"):
         check_effect_names(load_device("klute-3-4-pair"), ("taper",), ())
     content = load_device("klute-3-4-pair").content + b"\n[effects.end_taper]\ncone_ratio = 1.0\n"

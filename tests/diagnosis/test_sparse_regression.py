@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -150,8 +151,9 @@ def test_excluded_and_existing_terms_are_not_candidates(with_hidden_term: tuple[
 
 
 def test_data_driven_term_is_not_a_candidate_effect(with_hidden_term: tuple[ForwardSelection, Fit]) -> None:
-    device = load_device("klute-3-4-pair")
-    assert not {term.effect for term in list_candidate_terms(with_hidden_term[0].data, device)} - set(
+    device, data = load_device("klute-3-4-pair"), with_hidden_term[0].data
+    dataset = SimpleNamespace(device=device, uncertainties={})
+    assert not {term.effect for term in list_candidate_terms(data, dataset, exclude=("number_error",))} - set(
         catalogue.get_named_effects()
     )
     with pytest.raises(InputError, match="'unknown_force' is not a candidate effect: it is data-driven"):

@@ -191,7 +191,7 @@ def _decide_verdict(
         within = ", ".join(limits)
         return "nothing-missing", [f"The misfit is within the stated tolerance ({within})."]
     if not terms:
-        return "nothing-missing", [f"{search.history[-1].reason}."]
+        return "nothing-missing" if search.has_repeats else "insufficient-data", [f"{search.history[-1].reason}."]
     # A term may have a simpler form than the one that was added.
     final_terms = {term.identity: term for term in terms}
     steps = [
@@ -210,6 +210,8 @@ def _decide_verdict(
         reasons.append(
             "There is no second group of trials for validation: the result rests on the fitted trials alone."
         )
+    if not search.has_repeats:
+        return "insufficient-data", reasons
     if equivalent_models:
         names = ", ".join(sorted({str(model.fit.hypothesis.terms[-1]) for model in equivalent_models}))
         sentence = (

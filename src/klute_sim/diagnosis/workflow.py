@@ -109,7 +109,8 @@ def _run_workflow(
     final_fit = base_fit if is_tolerated else search.run(base_fit)
     selected: FinalModel | None = None
     # Without repeats nothing but predictions can tell a misfit from noise.
-    if not is_tolerated and (not search.has_repeats or search.has_misfit(final_fit)):
+    is_unclear = search.has_misfit(final_fit) if search.has_repeats else search.has_relevant_residual(base_fit)
+    if is_unclear and not is_tolerated:
         progress(0.5, "predicting conditions that are left out")
         prediction = select_by_prediction(search, experiments, final_fit, lambda stage: progress(0.5, stage))
         complete_fit = find_complete_model(search, base_fit, *prediction) if search.has_repeats else None

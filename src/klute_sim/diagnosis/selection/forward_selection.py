@@ -43,6 +43,9 @@ MIN_START_GAIN_FRACTION = 0.3
 """Fraction of the predicted gain that a starting point must reach, else :data:`START_SIZES` are tried."""
 MIN_PREDICTED_FRACTION = 0.02
 """Fraction of the largest predicted gain below which a candidate is not fitted (assumed)."""
+MIN_RELEVANT_FRACTION = 0.005
+"""Residual, over the range of its channel, up to which data without repeats show nothing (assumed: the accuracy of
+usual instruments)."""
 MAX_ACCEPTANCE_TESTS = 3
 """Number of candidates of the shortlist that are tested on validation trials."""
 MAX_BIC_LAG_FRACTIONS = (0.3, 0.1)
@@ -128,6 +131,19 @@ class ForwardSelection:
             estimate.std <= self.tolerance.get(channel, 0.0)
             for channel, estimate in estimate_noise_from_residuals(self.data.experiments, current.residuals).items()
         )
+
+    def has_relevant_residual(self, current: Fit) -> bool:
+        """Return whether some channel of ``current`` is further off than usual instruments are."""
+        for channel in self.data.noise:
+            rows = [
+                (residuals[channel], e.measured[channel].value)
+                for e, residuals in zip(self.data.experiments, current.residuals, strict=True)
+                if channel in residuals
+            ]
+            residual, reading = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+            if np.sqrt(np.mean(residual**2)) > MIN_RELEVANT_FRACTION * np.ptp(reading):
+                return True
+        return False
 
     def find_relevant_misfits(self, current: Fit) -> dict[str, Misfit]:
         """Return the misfit of each channel in which it is significant and above the tolerance."""
