@@ -29,9 +29,9 @@ NUMBER_ERRORS = {
     "supply.gas_temperature_c": NumberError(absolute=4.0),
     "muscle.bladder_thickness_mm": NumberError(absolute=0.1),
 }
-"""Number of the device file -> its usual error: calipers, tape, counted threads, a room over a day."""
+"""Number of the device file -> its usual error: calipers, tape, counted threads, a room over a day (assumed)."""
 ERROR_MULTIPLES = (1.0, 3.0)
-"""Smallest and largest error of a number, in usual errors."""
+"""Smallest and largest error of a number, in usual errors (assumed)."""
 LOGGINGS: tuple[dict[str, Any], ...] = (
     {"decimation": 4},
     {"start_s": 0.7},
@@ -39,7 +39,8 @@ LOGGINGS: tuple[dict[str, Any], ...] = (
     {"decimation": 2},
     {"decimation": 8},
 )
-"""How the log differs: every so many samples of 200 Hz, a trial that begins in motion, one repeat that is noisier."""
+"""How the log differs (assumed): divisor of the sampling rate of 200 Hz, time that is cut from the start so that a
+trial begins in motion, or noise of one repeat over that of the others."""
 REGISTRATIONS: tuple[dict[str, tuple[str, float]], ...] = (
     {"grf_vertical": ("gain", 0.01), "grf_forward": ("gain", 0.01)},
     {"cop_x": ("offset", 5e-3)},
@@ -47,7 +48,7 @@ REGISTRATIONS: tuple[dict[str, tuple[str, float]], ...] = (
     {"ankle_z": ("offset", 5e-3)},
     {"ankle_angle": ("offset", 1.0)},
 )
-"""Channel of a walk -> kind and size of the error of its registration, in the unit of the channel."""
+"""Channel of a walk -> kind and size of the error of its registration, in the unit of the channel (assumed)."""
 
 
 def draw_number_error(index: int, rng: np.random.Generator | None, device: Mapping[str, float]) -> dict[str, Any]:

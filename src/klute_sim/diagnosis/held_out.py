@@ -60,7 +60,7 @@ def judge_misfit(diagnosis: Diagnosis, misfits: Mapping[str, Misfit]) -> None:
         0,
         f"All repeats of '{channel}' in the test trials show a misfit of "
         f"{misfits[channel].rms / misfits[channel].noise_rms:.2f} times the noise, which the other trials do not show: "
-        "the test goes where they have not been. Give such trials to the fit as well.",
+        "the test may go where they have not been. Give such trials to the fit as well.",
     )
 
 

@@ -67,8 +67,8 @@ def lock_length(muscle: MuscleParameters) -> float:
 def compute_braid_radius(braid_length: float, length: float, braid_turns: float) -> float:
     """Radius [m] of the cylinder that a braid forms at ``length`` [m]: ``sqrt(B^2 - L^2) / (2 pi N)``.
 
-    An unrolled thread is the hypotenuse B of a triangle with the sides L and ``2 pi N R`` (dissertation, section 3.2;
-    Chou & Hannaford 1996). 0 for a length beyond that of a thread.
+    An unrolled thread is the hypotenuse B of a triangle with the sides L and ``2 pi N R`` (Chou & Hannaford 1996).
+    0 for a length beyond that of a thread.
     """
     squared = braid_length * braid_length - length * length
     return math.sqrt(max(0.0, squared)) / (2.0 * math.pi * braid_turns)
