@@ -168,7 +168,7 @@ def test_forward_push_makes_the_walker_faster_for_a_moment() -> None:
             simulator = make_simulator(False)
             commands = DeviceCommands(simulator, None, 1)
             rows = np.zeros((3000, simulator.record_width))
-            Walk(simulator, commands, Push(impulse=impulse, phase=0.5, after=1.0), rows).advance(3.0)
+            Walk(simulator, commands, [Push(impulse=impulse, phase=0.5, after=1.0)], rows).advance(3.0)
         applied = rows[:, 2 * simulator.model.nq]
         assert applied.sum() * 1e-3 == pytest.approx(impulse, rel=0.02)
         records.append(rows)

@@ -22,7 +22,7 @@ from klute_sim.recording.atomic_file import write_atomically
 from klute_sim.types import ProgressCallback
 from klute_sim.walker.adaptation.objective import (
     HORIZON,
-    PUSH,
+    PUSHES,
     UNEVEN_FROM,
     UNEVENNESS,
     AdaptationProblem,
@@ -196,7 +196,7 @@ def _describe_problem(
             "horizon_s": problem.horizon,
             "uneven_from_m": UNEVEN_FROM,
             "unevenness_m": UNEVENNESS,
-            "push": asdict(PUSH),
+            "pushes": [asdict(push) for push in PUSHES],
         },
         "software": {**fingerprint_software(), "cma": version("cma")},
     }

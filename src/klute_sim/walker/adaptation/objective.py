@@ -22,12 +22,12 @@ HORIZON = 18.0
 """Duration of an evaluation [s]."""
 TRANSIENT = 3.0
 """Time from the start that does not count [s]."""
-UNEVEN_FROM = 14.0
+UNEVEN_FROM = 12.0
 """Distance from which the ground of an evaluation is uneven [m]."""
 UNEVENNESS = 0.01
 """Largest height of its blocks [m]."""
-PUSH = Push(impulse=5.0, phase=0.3, after=8.0)
-"""Push in an evaluation."""
+PUSHES = (Push(impulse=10.0, phase=0.3, after=4.5), Push(impulse=-10.0, phase=0.8, after=7.5))
+"""Pushes in an evaluation."""
 MIN_SPEED = 0.5
 """Mean speed [m/s] below which a walker counts as standing, which is a fall."""
 N_CHECKS = 3
@@ -130,7 +130,7 @@ def evaluate(problem: AdaptationProblem, simulator: WalkSimulator, point: Array)
     simulator.reset(reflexes)
     state, horizon = simulator.state, problem.horizon
     commands = DeviceCommands(simulator, problem.controller, round(horizon / simulator.settings.dt) + 1)
-    walk = Walk(simulator, commands, PUSH)
+    walk = Walk(simulator, commands, PUSHES)
     begin, x_begin = state.copy(), 0.0
     is_walking = walk.advance(TRANSIENT)
     if is_walking:

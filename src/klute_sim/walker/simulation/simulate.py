@@ -99,7 +99,7 @@ def simulate_walk(
         commands = DeviceCommands(simulator, controller if has_device else None, n_steps)
         rows = np.zeros((n_steps, simulator.record_width))
         simulator.reset(walker.reflexes)
-        walk = Walk(simulator, commands, options.push, rows)
+        walk = Walk(simulator, commands, () if options.push is None else (options.push,), rows)
         is_walking = walk.advance(options.seconds, lambda fraction: progress(fraction, "walking"))
     condition = describe_prosthesis(prosthesis, controller)
     provenance = {

@@ -1,6 +1,6 @@
-"""Let a walker walk: steps, commands and a push, until the time is over or the walker falls."""
+"""Let a walker walk: steps, commands and pushes, until the time is over or the walker falls."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from klute_sim.errors import InputError
@@ -40,12 +40,17 @@ class Walk:
     """A walk that is under way; every call of :meth:`advance` continues it."""
 
     def __init__(
-        self, simulator: WalkSimulator, commands: DeviceCommands, push: Push | None = None, record: Array | None = None
+        self,
+        simulator: WalkSimulator,
+        commands: DeviceCommands,
+        pushes: Sequence[Push] = (),
+        record: Array | None = None,
     ) -> None:
         """Continue from the state of ``simulator``; ``record`` receives one row per step."""
-        self._simulator, self._commands, self._push = simulator, commands, push
-        self._record, self._n_done, self._push_end = record, 0, -1.0
-        self._has_pushed, self._previous_phase = False, 1.0
+        self._simulator, self._commands = simulator, commands
+        self._record, self._n_done = record, 0
+        self._later_pushes = sorted(pushes, key=lambda push: push.after)
+        self._push_force, self._push_end, self._previous_phase = 0.0, -1.0, 1.0
 
     def advance(self, seconds: float, progress: Callable[[float], None] = lambda fraction: None) -> bool:
         """Walk for ``seconds`` more; return whether the walker still walks at their end."""
@@ -70,12 +75,13 @@ class Walk:
         return self._n_done
 
     def _compute_push(self) -> float:
-        """Return the force of the push now [N]."""
-        push, state, time = self._push, self._simulator.state, self._simulator.time
-        if push is None:
-            return 0.0
+        """Return the force on the hip now [N]; pushes follow each other in the order of their times."""
+        state, time = self._simulator.state, self._simulator.time
         phase = min(float(state[layout.PHASE_TIME] / state[layout.STRIDE_TIME]), 1.0)
-        if not self._has_pushed and time >= push.after and self._previous_phase <= push.phase <= phase:
-            self._has_pushed, self._push_end = True, time + PUSH_DURATION - 1e-9
+        if self._later_pushes and time >= self._push_end:
+            push = self._later_pushes[0]
+            if time >= push.after and self._previous_phase <= push.phase <= phase:
+                self._later_pushes.pop(0)
+                self._push_force, self._push_end = push.impulse / PUSH_DURATION, time + PUSH_DURATION - 1e-9
         self._previous_phase = phase if phase >= self._previous_phase else 0.0
-        return push.impulse / PUSH_DURATION if time < self._push_end else 0.0
+        return self._push_force if time < self._push_end else 0.0
