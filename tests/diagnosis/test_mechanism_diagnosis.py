@@ -1,6 +1,7 @@
 """Diagnosis of joints with two devices: known numbers and effects are found from generated data of a joint."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,18 @@ from klute_sim.datasets.dataset import split_dataset
 from klute_sim.datasets.mechanism_channels import parse_channel
 from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments import mechanism as mechanism_experiments
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator, observe, simulate_extrapolated
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
 from klute_sim.diagnosis.fitting.number_error import list_model_error_candidates
+from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.workflow import fit_base_device
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, SimulationError
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.mechanism.simulate import simulate_mechanism
 from klute_sim.plant.mjcf.model_file import load_model_file
@@ -133,6 +138,51 @@ def test_numbers_of_model_and_devices_are_recovered(tmp_path: Path) -> None:
     assert mass == pytest.approx(1.15, rel=0.03)
     assert damping == pytest.approx(0.08, rel=0.15)
     assert offset == pytest.approx(-28.0, abs=6.0)
+
+
+def refuse_damping(monkeypatch: pytest.MonkeyPatch, limit: float) -> None:
+    """Let every simulation with more damping than ``limit`` diverge."""
+
+    def simulate(*args: Any, **options: Any) -> Any:
+        if options["numbers"].get("model.joint.joint.damping", 0.05) > limit:
+            raise SimulationError("the model diverges")
+        return simulate_mechanism(*args, **options)
+
+    monkeypatch.setattr(mechanism_experiments, "simulate_mechanism", simulate)
+
+
+def test_fit_rejects_steps_to_where_simulations_diverge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    uncertain = {"model.joint.joint.damping": "50 %"}
+    experiments, hypothesis = prepare(
+        tmp_path, true_numbers={"model.joint.joint.damping": 0.09}, uncertain=uncertain, **SHORT
+    )
+    simulator = Simulator(2)
+    (residuals,) = WeightedData(simulator, experiments, {}).compute_residuals(hypothesis, [np.zeros(1)])
+    data = WeightedData(simulator, experiments, estimate_noise_from_residuals(experiments, residuals))
+    refuse_damping(monkeypatch, 0.07)
+    fit = fit_hypothesis(data, hypothesis)
+    assert not fit.has_diverged
+    assert 0.055 < fit.values[0] <= 0.07  # as far as it can be simulated
+    beyond = fit_hypothesis(data, hypothesis, np.array([2.0]))
+    assert beyond.has_diverged
+    assert not beyond.converged
+    simulator.close()
+
+
+def test_candidate_that_diverges_is_rejected_with_its_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    experiments, hypothesis = prepare(tmp_path, **SHORT)
+    hypothesis = replace(hypothesis, mechanism_numbers=(("model.joint.joint.damping", 0.05),))
+    simulator = Simulator(2)
+    (residuals,) = WeightedData(simulator, experiments, {}).compute_residuals(hypothesis, [np.zeros(0)])
+    data = WeightedData(simulator, experiments, estimate_noise_from_residuals(experiments, residuals))
+    term = EffectTerm("number_error", "value", number="model.joint.joint.damping")
+    refuse_damping(monkeypatch, 0.05)
+    search = ForwardSelection(data, [], [term], has_repeats=False)
+    assert search.run(fit_hypothesis(data, hypothesis)).hypothesis.terms == ()
+    assert search.history[0].rejections == {term: f"{term}: with it, a simulation diverges"}
+    with pytest.raises(SimulationError, match="diverges"):  # outside of fits, a divergence is an error
+        data.compute_residuals(hypothesis.with_term(term), [np.array([1.0])])
+    simulator.close()
 
 
 def test_numbers_of_the_model_are_candidates_for_errors(tmp_path: Path) -> None:

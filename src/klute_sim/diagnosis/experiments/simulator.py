@@ -14,6 +14,7 @@ from klute_sim.diagnosis.experiments.base import (
     censor_reading,
 )
 from klute_sim.effects.catalogue import get_effects
+from klute_sim.errors import SimulationError
 from klute_sim.types import Array
 
 MAX_CACHED_SIMULATIONS = 128
@@ -85,6 +86,10 @@ def observe(setup: SimulationSetup, experiment: Experiment, response: DeviceResp
     return readings
 
 
+def _make_infinite_readings(experiment: Experiment) -> dict[str, Array]:
+    return {channel: np.full(len(series.time), np.inf) for channel, series in experiment.measured.items()}
+
+
 class Simulator:
     """Simulates many setups in many experiments on a thread pool; results do not depend on the number of threads."""
 
@@ -96,21 +101,38 @@ class Simulator:
         """Simulations run so far."""
 
     def simulate(
-        self, setups: Sequence[Sequence[SimulationSetup]], experiments: Sequence[Experiment], *, coarse: bool = False
+        self,
+        setups: Sequence[Sequence[SimulationSetup]],
+        experiments: Sequence[Experiment],
+        *,
+        coarse: bool = False,
+        may_diverge: bool = False,
     ) -> list[list[dict[str, Array]]]:
         """Return the sensor readings for each row of ``setups``, which holds one setup per experiment.
 
-        ``coarse`` simulations use the longer time step and are not extrapolated.
+        ``coarse`` simulations use the longer time step and are not extrapolated. A simulation that diverges raises
+        SimulationError; with ``may_diverge`` its readings are infinite, so that no fit accepts its setup.
         """
+
+        def simulate(key: tuple[SimulationSetup, Experiment]) -> DeviceResponse | None:
+            try:
+                return self._simulate_one(*key, coarse=coarse)
+            except SimulationError:
+                if may_diverge:
+                    return None
+                raise
+
         runs = [(s, e) for row in setups for s, e in zip(row, experiments, strict=True)]
         # Setups that differ only in their sensors share one simulation.
         keys = list(dict.fromkeys((s._replace(sensors=()), e) for s, e in runs))
-        responses = dict(
-            zip(keys, self._pool.map(lambda key: self._simulate_one(*key, coarse=coarse), keys), strict=True)
-        )
+        responses = dict(zip(keys, self._pool.map(simulate, keys), strict=True))
         for key in list(self._cache)[:-MAX_CACHED_SIMULATIONS]:
             del self._cache[key]
-        readings = [observe(s, e, responses[s._replace(sensors=()), e]) for s, e in runs]
+        readings = [
+            _make_infinite_readings(e) if response is None else observe(s, e, response)
+            for s, e in runs
+            for response in (responses[s._replace(sensors=()), e],)
+        ]
         width = len(experiments)
         return [readings[k : k + width] for k in range(0, len(readings), width)]
 

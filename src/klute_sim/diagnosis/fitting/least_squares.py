@@ -52,11 +52,12 @@ class WeightedData:
         )
 
     def compute_residuals(
-        self, hypothesis: Hypothesis, points: Sequence[Array], *, coarse: bool = False
+        self, hypothesis: Hypothesis, points: Sequence[Array], *, coarse: bool = False, may_diverge: bool = False
     ) -> list[list[dict[str, Array]]]:
         """Return measured minus simulated [SI] per point of normalized parameters, experiment and channel.
 
-        ``coarse`` simulations are faster and less accurate.
+        ``coarse`` simulations are faster and less accurate. A simulation that diverges raises SimulationError; with
+        ``may_diverge`` its residuals are infinite.
         """
         setups = [hypothesis.build_setups(x, self.experiments) for x in points]
         return [
@@ -64,7 +65,7 @@ class WeightedData:
                 {channel: series.value - simulated[channel] for channel, series in e.measured.items()}
                 for e, simulated in zip(self.experiments, readings, strict=True)
             ]
-            for readings in self.simulator.simulate(setups, self.experiments, coarse=coarse)
+            for readings in self.simulator.simulate(setups, self.experiments, coarse=coarse, may_diverge=may_diverge)
         ]
 
     @cached_property
@@ -85,11 +86,13 @@ class WeightedData:
     ) -> list[list[dict[str, Array]]]:
         """Return the changes of the residuals [SI] from the setups ``before`` to each row of setups ``after``.
 
-        A row has one setup per experiment. Only :attr:`representatives` are simulated.
+        A row has one setup per experiment. Only :attr:`representatives` are simulated. Where a simulation diverges, the
+        change is infinite.
         """
         indices = sorted(set(self.representatives))
         rows = [[row[index] for index in indices] for row in (before, *after)]
-        base, *changed = self.simulator.simulate(rows, [self.experiments[i] for i in indices], coarse=coarse)
+        simulated = [self.experiments[i] for i in indices]
+        base, *changed = self.simulator.simulate(rows, simulated, coarse=coarse, may_diverge=True)
         positions = [indices.index(index) for index in self.representatives]
         return [
             [{channel: base[k][channel] - value for channel, value in readings[k].items()} for k in positions]
@@ -161,6 +164,11 @@ class Fit:
         return float(self.weighted_residuals @ self.weighted_residuals)
 
     @property
+    def has_diverged(self) -> bool:
+        """Whether a simulation of the fit diverges; its chi squared is infinite then."""
+        return not np.isfinite(self.chi2)
+
+    @property
     def values(self) -> list[float]:
         """Fitted parameter values, each in its own unit."""
         return self.hypothesis.values(self.x)
@@ -185,6 +193,9 @@ def fit_hypothesis(
     ``jac`` is the Jacobian at ``x0``, or an approximation for the first step. Intermediate simulations are coarse, with
     their error at ``x0`` subtracted; the residuals of the result are not. A ``fine`` fit takes its last steps and its
     Jacobian from normal simulations.
+
+    The solver rejects a step to a point where a simulation diverges, and tries a shorter one. Where simulations diverge
+    at ``x0`` itself, the result stays there, its residuals are infinite, and it has not converged.
     """
     names = [e.name for e in data.experiments]
     start = hypothesis.initial_point() if x0 is None else x0
@@ -193,7 +204,7 @@ def fit_hypothesis(
     cached = data.cache.get(key) if data.cache else None
     if cached is not None:
         x, converged = cached["x"], bool(cached["converged"])
-        residuals = data.compute_residuals(hypothesis, [x])[0]
+        residuals = data.compute_residuals(hypothesis, [x], may_diverge=True)[0]
         return Fit(hypothesis, x, cached["weighted_residuals"], cached["jacobian"], converged, residuals)
     fit = _solve(data, hypothesis, start, jac, max_nfev, coarse=True)
     if fine and len(start):
@@ -220,6 +231,10 @@ def _solve(
     first, first_residuals = problem.evaluate_fine(start)
     if not len(start):
         return Fit(hypothesis, start, first, np.empty((len(first), 0)), True, first_residuals)
+    if not np.isfinite(first).all():
+        return Fit(hypothesis, start, first, np.zeros((len(first), len(start))), False, first_residuals)
+    if not np.isfinite(problem.coarse_error).all():
+        return _solve(data, hypothesis, x0, jac, max_nfev, coarse=False)
     known_jacobians = [] if jac is None else [jac]
 
     def jacobian(x: Array) -> Array:
@@ -261,24 +276,29 @@ class _LeastSquaresProblem:
         self._data, self._hypothesis, self._coarse = data, hypothesis, coarse
         self._upper = hypothesis.bounds()[1]
         self._fine_cache: dict[bytes, tuple[Array, Residuals]] = {}
-        self._coarse_error: Array | float = 0.0
-        if coarse:
-            self._coarse_error = self._evaluate_points([x0])[0] - self.evaluate_fine(x0)[0]
+        self.coarse_error: Array | float = 0.0
+        """Error of the weighted residuals at the starting point."""
+        fine = self.evaluate_fine(x0)[0]
+        if coarse and np.isfinite(fine).all():
+            self.coarse_error = self._evaluate_points([x0])[0] - fine
 
     def evaluate_fine(self, x: Array) -> tuple[Array, Residuals]:
         """Return the weighted residuals from normal simulations, and the residuals [SI]."""
         key = x.tobytes()
         if key not in self._fine_cache:
-            residuals = self._data.compute_residuals(self._hypothesis, [x])[0]
+            residuals = self._data.compute_residuals(self._hypothesis, [x], may_diverge=True)[0]
             self._fine_cache[key] = self._assemble(x, residuals), residuals
         return self._fine_cache[key]
 
     def evaluate(self, x: Array) -> Array:
         """Return the weighted residuals followed by those of the priors."""
-        return self._evaluate_points([x])[0] - self._coarse_error if self._coarse else self.evaluate_fine(x)[0]
+        return self._evaluate_points([x])[0] - self.coarse_error if self._coarse else self.evaluate_fine(x)[0]
 
     def jacobian(self, x: Array) -> Array:
-        """Return the Jacobian of :meth:`evaluate` by one-sided differences within the bounds, in one batch."""
+        """Return the Jacobian of :meth:`evaluate` by one-sided differences within the bounds, in one batch.
+
+        A parameter whose small change makes a simulation diverge gets a derivative of 0: it stays where it is.
+        """
         signs = np.where(x + FINITE_DIFFERENCE_STEP > self._upper, -1.0, 1.0)
         points = [x + FINITE_DIFFERENCE_STEP * sign * unit for sign, unit in zip(signs, np.eye(len(x)), strict=True)]
         data, n_priors = self._data, self._hypothesis.n_device_parameters
@@ -292,10 +312,13 @@ class _LeastSquaresProblem:
                 strict=True,
             )
         ]
+        for column in columns:
+            if not np.isfinite(column).all():
+                column[:] = 0.0
         return np.stack(columns, axis=1)
 
     def _evaluate_points(self, points: Sequence[Array]) -> list[Array]:
-        rows = self._data.compute_residuals(self._hypothesis, points, coarse=self._coarse)
+        rows = self._data.compute_residuals(self._hypothesis, points, coarse=self._coarse, may_diverge=True)
         return [self._assemble(x, residuals) for x, residuals in zip(points, rows, strict=True)]
 
     def _assemble(self, x: Array, residuals: Residuals) -> Array:

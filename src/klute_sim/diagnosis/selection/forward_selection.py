@@ -50,6 +50,8 @@ MAX_ACCEPTANCE_TESTS = 3
 """Number of candidates of the shortlist that are tested on validation trials."""
 MAX_BIC_LAG_FRACTIONS = (0.3, 0.1)
 """Fractions of the best fall of BIC by which a candidate may lag to get the second and the third round of fitting."""
+DIVERGENCE_REASON = "with it, a simulation diverges"
+"""Reason for the rejection of an effect without a finite simulation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +163,10 @@ class ForwardSelection:
         used = {t.identity for t in current.hypothesis.terms}
         unused = [t for t in self.candidate_terms if t.identity not in used]
         self.report_stage(f"screening {len(unused)} candidates")
-        candidates = screen_candidates(self.data, current, unused)
+        rejections: dict[EffectTerm, str] = {}
+        candidates = screen_candidates(
+            self.data, current, unused, lambda term: rejections.update({term: f"{term}: {DIVERGENCE_REASON}"})
+        )
         min_gain = self.bic_threshold + float(np.log(self.data.n_effective))
         best_gain = max((c.predicted_gain for c in candidates), default=0.0)
         promising = [
@@ -169,9 +174,8 @@ class ForwardSelection:
         ]
         if not promising:
             reason = "no effect is predicted to explain more than noise would"
-            return SelectionStep(current, tuple(candidates), (), None, {}, reason)
+            return SelectionStep(current, tuple(candidates), (), None, {}, reason, rejections)
         refits = self.refit_candidates(current, select_shortlist(promising))
-        rejections: dict[EffectTerm, str] = {}
         for rank, refit in enumerate(refits[:MAX_ACCEPTANCE_TESTS]):
             gains = self.compute_validation_gains(current, refit)
             rejection = self.rejection_reason(current, refit, gains)
@@ -245,7 +249,8 @@ class ForwardSelection:
         clipped = [np.clip(start, *hypothesis.bounds()) for start in starts]
         n_device = hypothesis.n_device_parameters
         costs = []
-        for x, residuals in zip(clipped, self.data.compute_residuals(hypothesis, clipped, coarse=True), strict=True):
+        all_residuals = self.data.compute_residuals(hypothesis, clipped, coarse=True, may_diverge=True)
+        for x, residuals in zip(clipped, all_residuals, strict=True):
             vector = self.data.weight_residuals(residuals)
             costs.append(float(vector @ vector + x[:n_device] @ x[:n_device]))
         best = int(np.argmin(costs))
@@ -265,7 +270,8 @@ class ForwardSelection:
         for data in self.validation_data:
             chi2 = []
             for fit in (before, after):
-                vector = data.weight_residuals(data.compute_residuals(fit.hypothesis, [fit.x])[0])
+                (residuals,) = data.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)
+                vector = data.weight_residuals(residuals)
                 chi2.append(float(vector @ vector))
             gains[data.experiments[0].group] = 1.0 - chi2[1] / chi2[0]
         return gains
@@ -281,7 +287,8 @@ class ForwardSelection:
             chi2 = []
             for fit in (before, after):
                 refit = fit_hypothesis(training, fit.hypothesis, fit.x, max_nfev=REFIT_MAX_NFEV[1])
-                vector = held_out.weight_residuals(held_out.compute_residuals(refit.hypothesis, [refit.x])[0])
+                (residuals,) = held_out.compute_residuals(refit.hypothesis, [refit.x], may_diverge=True)
+                vector = held_out.weight_residuals(residuals)
                 chi2.append(float(vector @ vector))
             gains[group] = 1.0 - chi2[1] / chi2[0]
         return gains
@@ -290,6 +297,8 @@ class ForwardSelection:
         """Return why the last term of ``after`` is rejected; '' if it is accepted. ``before`` is without this term."""
         bic_gain = self._bic(before) - self._bic(after)
         term = after.hypothesis.terms[-1]
+        if after.has_diverged or not np.isfinite(list(validation_gains.values())).all():
+            return f"{term}: {DIVERGENCE_REASON}"
         min_gain = MIN_VALIDATION_GAIN if self.has_misfit(before) else NO_MISFIT_GAIN_FACTOR * MIN_VALIDATION_GAIN
         if bic_gain <= self.bic_threshold:
             return (

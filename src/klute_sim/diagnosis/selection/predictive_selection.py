@@ -24,7 +24,11 @@ from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_with_replacement
+from klute_sim.diagnosis.selection.forward_selection import (
+    DIVERGENCE_REASON,
+    ForwardSelection,
+    refit_with_replacement,
+)
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_terms_at_bound
 from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
@@ -160,12 +164,16 @@ class PredictiveSelection:
         The parameters without a fold follow from one bounded Gauss-Newton step from those of all conditions; the
         prediction of the fold is simulated.
         """
+        if fit.has_diverged:
+            n_folds = len(self.folds)
+            return PredictiveModel(fit, np.full(n_folds, np.inf), np.tile(fit.x, (n_folds, 1)), DIVERGENCE_REASON)
         points = np.array([self._leave_out(fit, fold) for fold in self.folds]).reshape(len(self.folds), -1)
         experiments = self.data.experiments
         errors = []
         for x, fold in zip(points, self.folds, strict=True):
             left_out = [experiments[part.trial] for part in fold]
-            (readings,) = self.data.simulator.simulate([fit.hypothesis.build_setups(x, left_out)], left_out)
+            setups = fit.hypothesis.build_setups(x, left_out)
+            (readings,) = self.data.simulator.simulate([setups], left_out, may_diverge=True)
             squares = [
                 float(np.mean((series.value - simulated[channel])[selected] ** 2)) / self.data.noise[channel].std ** 2
                 for part, e, simulated in zip(fold, left_out, readings, strict=True)
@@ -173,7 +181,9 @@ class PredictiveSelection:
                 if channel in self.data.noise and (selected := part.select(e, channel)).any()
             ]
             errors.append(np.mean(squares) if squares else 0.0)
-        return PredictiveModel(fit, np.array(errors), points, find_naming_obstacle(self.data, fit))
+        all_errors = np.array(errors)
+        obstacle = find_naming_obstacle(self.data, fit) if np.isfinite(all_errors).all() else DIVERGENCE_REASON
+        return PredictiveModel(fit, all_errors, points, obstacle)
 
     def _leave_out(self, fit: Fit, fold: Sequence[FoldPart]) -> Array:
         """Return the normalized parameters of ``fit`` without ``fold``, by one linear step in bounds."""

@@ -6,7 +6,7 @@ only by the part that they cannot.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -136,8 +136,15 @@ def acts_on_pressure(effect: Effect) -> bool:
     return effect.acts_in_supply or effect.kind == "instrument" or acts_on_command
 
 
-def screen_candidates(data: WeightedData, current: Fit, terms: Sequence[EffectTerm]) -> list[Candidate]:
+def screen_candidates(
+    data: WeightedData,
+    current: Fit,
+    terms: Sequence[EffectTerm],
+    report_divergence: Callable[[EffectTerm], None] = lambda term: None,
+) -> list[Candidate]:
     """Return the candidates for ``terms``, largest predicted gain first.
+
+    ``report_divergence`` receives each term with which a simulation diverges; it is no candidate.
 
     The fitted parameters imitate an effect in linear approximation only. An effect that they imitate for the most part
     is probed again at its typical size, with the fitted parameters shifted accordingly. Where numbers of the device
@@ -146,7 +153,7 @@ def screen_candidates(data: WeightedData, current: Fit, terms: Sequence[EffectTe
     n_known, n_device = len(current.x), current.hypothesis.n_device_parameters
     current_point = _LinearizationPoint(current.x, current.weighted_residuals, current.jacobian)
     probes = [(term, PROBE_FRACTION, np.zeros(n_known)) for term in terms]
-    candidates = _evaluate_probes(data, current.hypothesis, current_point, probes)
+    candidates = _evaluate_probes(data, current.hypothesis, current_point, probes, report_divergence)
     full_size_probes: list[tuple[EffectTerm, float, Array]] = []
     for candidate in candidates:
         if candidate.orthogonal_fraction < REPROBE_ORTHOGONAL_FRACTION and candidate.term.channel is None:
@@ -193,6 +200,7 @@ def _evaluate_probes(
     base_hypothesis: Hypothesis,
     point: _LinearizationPoint,
     probes: Sequence[tuple[EffectTerm, float, Array]],
+    report_divergence: Callable[[EffectTerm], None] = lambda term: None,
 ) -> list[Candidate]:
     """Return the candidates of ``probes`` (term, normalized size, shift of the known parameters)."""
     n_known, experiments = len(point.x), data.experiments
@@ -207,6 +215,9 @@ def _evaluate_probes(
     for (term, _, _), hypothesis, x, changes in zip(probes, hypotheses, points, all_changes, strict=True):
         probe_size, shift = float(x[n_known]), x[:n_known] - point.x
         if probe_size == 0.0:
+            continue
+        if not all(np.isfinite(values).all() for row in changes for values in row.values()):
+            report_divergence(term)
             continue
         # The linear part of the shift's influence is subtracted; the projection would remove it anyway.
         change = np.concatenate([data.weight_residuals(changes), shift[: hypothesis.n_device_parameters]])
