@@ -1,5 +1,5 @@
 """Gymnasium environments of the prosthesis; importing ``klute_sim`` registers them.
 
-Dependence, from the bottom: tasks and base; ankle_gait; ankle_gait_vector and ankle_bench; ankle_bench_vector;
-registration imports them by name.
+Dependence, from the bottom: base, tasks, and the environments; the vector form of an environment imports the single
+one. registration imports them by name.
 """

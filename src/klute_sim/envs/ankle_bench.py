@@ -2,33 +2,16 @@
 work.
 """
 
-from dataclasses import fields
 from pathlib import Path
-from typing import Any
-
-import mujoco
-import numpy as np
-from gymnasium import spaces
 
 from klute_sim.device.device import DEFAULT_DEVICE, Device
-from klute_sim.envs.ankle_gait import make_action_space
-from klute_sim.envs.base.single import DeviceEnv, Observation, Step
-from klute_sim.envs.tasks.bench_task import CONTROL_INTERVAL, OBSERVATIONS, BenchOptions, BenchTask, TesterStates
+from klute_sim.envs.base.scheduled import ScheduledTaskEnv
+from klute_sim.envs.tasks.bench_task import BenchOptions, BenchTask
 from klute_sim.envs.tasks.options import resolve_device
-from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import callbacks
-from klute_sim.types import Array
-
-SINGLE_MASK = np.ones(1, dtype=np.bool_)
 
 
-def make_observation_space() -> "spaces.Box[np.float32]":
-    """Return the space of the observations of the tester."""
-    low, high = (np.array([row[k] for row in OBSERVATIONS], dtype=np.float32) for k in (2, 3))
-    return spaces.Box(low, high, dtype=np.float32)
-
-
-class AnkleBenchEnv(DeviceEnv):
+class AnkleBenchEnv(ScheduledTaskEnv):
     """The muscle-tendon unit between a load cell and a crosshead that prescribes its length.
 
     A smaller problem than gait with the same device: control of force, or of work, through pressure, damper and tendon.
@@ -82,8 +65,6 @@ class AnkleBenchEnv(DeviceEnv):
     * v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": round(1.0 / CONTROL_INTERVAL)}  # noqa: RUF012
-
     def __init__(
         self,
         *,
@@ -100,47 +81,6 @@ class AnkleBenchEnv(DeviceEnv):
         ``duration`` [s] of an episode, ``cycle_duration`` [s] of the task work, ``time_step`` [s]; ``backend`` is auto,
         compiled or python. Raises InputError when an option is invalid.
         """
-        if render_mode is not None:
-            raise InputError(f"render_mode is {render_mode!r}; allowed: None")
         options = BenchOptions(task=task, duration=duration, cycle_duration=cycle_duration, time_step=time_step)
-        super().__init__(options.actions_per_episode)
-        self._backend = callbacks.choose_backend(backend)
-        self._task = BenchTask(resolve_device(device), options, 1, self._backend)
-        self.model = self._task.model
-        """MuJoCo model of the tester including the device."""
-        self.data = mujoco.MjData(self.model)
-        """State of the simulation."""
-        self.render_mode = render_mode
-        self.action_space, self.observation_space = make_action_space(), make_observation_space()
-
-    @property
-    def dt(self) -> float:
-        """Return the interval between two actions [s]."""
-        return CONTROL_INTERVAL
-
-    def _start_episode(self) -> tuple[Observation, dict[str, Any]]:
-        self._task.start_episode(0, self.data, self.np_random)
-        self._task.reset(SINGLE_MASK, self._read_states())
-        return self._task.observations[0], {}
-
-    def _advance(self, action: Array) -> Step:
-        command, acts = self._task.decode_action(action), []
-        with callbacks.device_callbacks(self._backend, is_isolated=True):
-            try:
-                for control in self._task.schedule_controls(command, SINGLE_MASK)[0]:
-                    self.data.ctrl[:] = control
-                    callbacks.step_model(self.model, self.data)
-                    acts.append(self.data.act.copy())
-            except SimulationError:
-                # Under either law, a failed device ends the episode.
-                self.data.act[self._task.actuator.act_address] = np.nan
-        if self._task.samples_air:
-            self._task.add_steps(SINGLE_MASK, np.reshape(acts, (1, -1, self.model.na)))
-        reward, terminated, truncated, arrays, masks = self._task.evaluate(
-            action, command, self._read_states(), SINGLE_MASK
-        )
-        info = {name: float(value[0]) for name, value in arrays.items() if name not in masks or masks[name][0]}
-        return self._task.observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
-
-    def _read_states(self) -> TesterStates:
-        return TesterStates(*(getattr(self.data, field.name)[None] for field in fields(TesterStates)))
+        chosen_backend = callbacks.choose_backend(backend)
+        super().__init__(BenchTask(resolve_device(device), options, 1, chosen_backend), chosen_backend, render_mode)

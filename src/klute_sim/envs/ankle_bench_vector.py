@@ -1,22 +1,18 @@
 """``klute_sim/AnkleBench`` on all cores: one model, many simulations, and no Python between their steps."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from klute_sim.device.device import DEFAULT_DEVICE, Device
-from klute_sim.envs.ankle_bench import make_observation_space
-from klute_sim.envs.ankle_gait import make_action_space
-from klute_sim.envs.base.vector import BatchStep, BatchVectorEnv, Observations, VectorOptions
-from klute_sim.envs.tasks.bench_task import CONTROL_INTERVAL, BenchOptions, BenchTask, TesterStates
+from klute_sim.envs.base.scheduled import ScheduledTaskVectorEnv
+from klute_sim.envs.base.vector import VectorOptions
+from klute_sim.envs.tasks.bench_task import BenchOptions, BenchTask
 from klute_sim.envs.tasks.options import resolve_device
 from klute_sim.plant import callbacks
-from klute_sim.types import Array, Mask
 
 
-class AnkleBenchVectorEnv(BatchVectorEnv):
+class AnkleBenchVectorEnv(ScheduledTaskVectorEnv):
     """``num_envs`` environments of :class:`klute_sim.envs.ankle_bench.AnkleBenchEnv` that are stepped together.
 
     ``gymnasium.make_vec("klute_sim/AnkleBench-v0", num_envs=64, vectorization_mode="vector_entry_point")``
@@ -52,36 +48,6 @@ class AnkleBenchVectorEnv(BatchVectorEnv):
             render_mode=render_mode,
         )
         options = BenchOptions(task=task, duration=duration, cycle_duration=cycle_duration, time_step=time_step)
-        self._task = BenchTask(resolve_device(device), options, num_envs, callbacks.choose_backend())
         super().__init__(
-            self._task.model,
-            TesterStates,
-            vector_options,
-            (make_action_space(), make_observation_space()),
-            options.actions_per_episode,
+            BenchTask(resolve_device(device), options, num_envs, callbacks.choose_backend()), vector_options
         )
-
-    @property
-    def dt(self) -> float:
-        """Return the interval between two actions [s]."""
-        return CONTROL_INTERVAL
-
-    def _start_episode(self, index: int, rng: np.random.Generator) -> Mapping[str, float]:
-        self._task.start_episode(index, self._scratch_data, rng)
-        return {}
-
-    def _reset_task(self, mask: Mask) -> None:
-        self._task.reset(mask, self._states)
-
-    def _get_observations(self) -> Observations:
-        return self._task.observations
-
-    def _advance(self, actions: Array, active: Mask) -> BatchStep:
-        actions = actions[:, 0]
-        command = self._task.decode_action(actions)
-        controls = self._task.schedule_controls(command, active)
-        if active.any():
-            add_steps = self._task.add_steps if self._task.samples_air else None
-            self._step_batch(active, controls.shape[1], add_steps, controls)
-        self._read_states(active)
-        return BatchStep(*self._task.evaluate(actions, command, self._states, active))

@@ -8,15 +8,15 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
 from klute_sim.controllers.pressure import PressureProfile
 from klute_sim.device.device import DEFAULT_DEVICE, Device
 from klute_sim.envs.base.rendering import SceneRenderer, find_context_module
 from klute_sim.envs.base.single import DeviceEnv, Observation, Step
+from klute_sim.envs.base.task import CONTROL_INTERVAL, make_action_space, make_observation_space
 from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
-from klute_sim.envs.tasks.gait_task import CONTROL_INTERVAL, GaitTask, SimulationStates
+from klute_sim.envs.tasks.gait_task import GaitTask, SimulationStates
 from klute_sim.envs.tasks.instruments import OBSERVATIONS
 from klute_sim.envs.tasks.options import TaskOptions, resolve_device, resolve_gait_options
 from klute_sim.errors import InputError, SimulationError
@@ -28,17 +28,6 @@ from klute_sim.units import BAR
 
 MAX_PIXELS = 4096
 """Largest width and height of a rendered image [pixels]."""
-
-
-def make_observation_space() -> "spaces.Box[np.float32]":
-    """Return the space of the observations of a prosthesis."""
-    low, high = (np.array([row[k] for row in OBSERVATIONS], dtype=np.float32) for k in (2, 3))
-    return spaces.Box(low, high, dtype=np.float32)
-
-
-def make_action_space() -> "spaces.Box[np.float32]":
-    """Return the space of one action; :data:`klute_sim.envs.tasks.actions.ACTION_KINDS` has its meaning."""
-    return spaces.Box(-1.0, 1.0, (1,), np.float32)
 
 
 class AnkleGaitEnv(DeviceEnv):
@@ -208,7 +197,7 @@ class AnkleGaitEnv(DeviceEnv):
         self.data = mujoco.MjData(self.model)
         """State of the simulation."""
         self.render_mode = render_mode
-        self.action_space, self.observation_space = make_action_space(), make_observation_space()
+        self.action_space, self.observation_space = make_action_space(), make_observation_space(OBSERVATIONS)
         if not (0 < width <= MAX_PIXELS and 0 < height <= MAX_PIXELS):
             raise InputError(
                 f"the image size is {width} x {height}; allowed: 1 to {MAX_PIXELS} pixels in each direction"
@@ -216,11 +205,6 @@ class AnkleGaitEnv(DeviceEnv):
         self._image_size = (height, width)
         self.model.vis.global_.offwidth = max(width, self.model.vis.global_.offwidth)
         self.model.vis.global_.offheight = max(height, self.model.vis.global_.offheight)
-
-    @property
-    def dt(self) -> float:
-        """Return the interval between two actions [s]."""
-        return CONTROL_INTERVAL
 
     def _start_episode(self) -> tuple[Observation, dict[str, Any]]:
         episode = self._task.randomizer.sample(self.np_random)
@@ -248,10 +232,9 @@ class AnkleGaitEnv(DeviceEnv):
                 )  # under either law, a failed device ends the episode
         if self._task.samples_air:
             self._task.add_steps(self._single_mask, np.reshape(acts, (1, -1, self.model.na)))
-        states, rngs = self._read_states(), [self.np_random]
-        reward, terminated, truncated, arrays = self._task.evaluate(action, command, states, self._single_mask, rngs)
-        info = {name: float(value[0]) for name, value in arrays.items()}
-        return self._task.observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+        step = self._task.evaluate(action, command, self._read_states(), self._single_mask, [self.np_random])
+        reward, terminated, truncated = float(step.reward[0]), bool(step.terminated[0]), bool(step.truncated[0])
+        return self._task.observations[0], reward, terminated, truncated, step.get_first_info()
 
     def _read_states(self) -> SimulationStates:
         data = self.data

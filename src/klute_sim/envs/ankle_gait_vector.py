@@ -9,10 +9,13 @@ from gymnasium.vector import AutoresetMode
 
 from klute_sim.controllers.pressure import PressureProfile
 from klute_sim.device.device import DEFAULT_DEVICE, Device
-from klute_sim.envs.ankle_gait import make_action_space, make_observation_space, reset_simulation
-from klute_sim.envs.base.vector import BatchStep, BatchVectorEnv, Observations, VectorOptions
+from klute_sim.envs.ankle_gait import reset_simulation
+from klute_sim.envs.base.batch_vector import BatchVectorEnv
+from klute_sim.envs.base.task import BatchStep, make_action_space, make_observation_space
+from klute_sim.envs.base.vector import Observations, VectorOptions
 from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
-from klute_sim.envs.tasks.gait_task import CONTROL_INTERVAL, GaitTask, SimulationStates
+from klute_sim.envs.tasks.gait_task import GaitTask, SimulationStates
+from klute_sim.envs.tasks.instruments import OBSERVATIONS
 from klute_sim.envs.tasks.options import TaskOptions, resolve_device, resolve_gait_options
 from klute_sim.gait.rig.setup import DRIVE_ACTUATORS
 from klute_sim.gait.subject import ReferenceLike
@@ -89,17 +92,12 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
             self._gait_rig.model,
             SimulationStates,
             vector_options,
-            (make_action_space(), make_observation_space()),
+            (make_action_space(), make_observation_space(OBSERVATIONS)),
             self._task.max_episode_steps,
             self._task.randomizer.varying_fields,
         )
 
-    @property
-    def dt(self) -> float:
-        """Return the interval between two actions [s]."""
-        return CONTROL_INTERVAL
-
-    def _start_episode(self, index: int, rng: np.random.Generator) -> Mapping[str, float]:
+    def _prepare_episode(self, index: int, rng: np.random.Generator) -> Mapping[str, float]:
         randomizer = self._task.randomizer
         episode = randomizer.sample(rng)
         rig = randomizer.apply(episode, self._model)
@@ -124,4 +122,4 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
             self._ctrl[active, self._gait_rig.actuator.ctrl_address] = scheduled_command[active]
             self._step_batch(active, steps, self._task.add_steps if self._task.samples_air else None)
         self._read_states(active)
-        return BatchStep(*self._task.evaluate(actions, command, self._states, active, self._rngs))
+        return self._task.evaluate(actions, command, self._states, active, self._rngs)

@@ -3,23 +3,20 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from klute_sim.device.device import Device
 from klute_sim.envs.antagonist_joint import (
     DEFAULT_JOINT_DEVICE,
-    make_action_space,
-    make_observation_space,
     resolve_devices,
 )
-from klute_sim.envs.base.vector import BatchStep, BatchVectorEnv, Observations, VectorOptions
-from klute_sim.envs.tasks.joint_task import CONTROL_INTERVAL, JointOptions, JointStates, JointTask
+from klute_sim.envs.base.scheduled import ScheduledTaskVectorEnv
+from klute_sim.envs.base.vector import VectorOptions
+from klute_sim.envs.tasks.joint_task import JointOptions, JointTask
 from klute_sim.plant import callbacks
-from klute_sim.types import Array, Mask
 
 
-class AntagonistJointVectorEnv(BatchVectorEnv):
+class AntagonistJointVectorEnv(ScheduledTaskVectorEnv):
     """``num_envs`` environments of :class:`klute_sim.envs.antagonist_joint.AntagonistJointEnv`, stepped together.
 
     ``gymnasium.make_vec("klute_sim/AntagonistJoint-v0", num_envs=64, vectorization_mode="vector_entry_point")``
@@ -53,33 +50,6 @@ class AntagonistJointVectorEnv(BatchVectorEnv):
             render_mode=render_mode,
         )
         options = JointOptions(duration=duration, time_step=time_step)
-        self._task = JointTask(resolve_devices(device), options, num_envs, callbacks.choose_backend())
         super().__init__(
-            self._task.model,
-            JointStates,
-            vector_options,
-            (make_action_space(), make_observation_space()),
-            options.actions_per_episode,
+            JointTask(resolve_devices(device), options, num_envs, callbacks.choose_backend()), vector_options
         )
-
-    @property
-    def dt(self) -> float:
-        """Return the interval between two actions [s]."""
-        return CONTROL_INTERVAL
-
-    def _start_episode(self, index: int, rng: np.random.Generator) -> Mapping[str, float]:
-        self._task.start_episode(index, self._scratch_data, rng)
-        return {}
-
-    def _reset_task(self, mask: Mask) -> None:
-        self._task.reset(mask, self._states)
-
-    def _get_observations(self) -> Observations:
-        return self._task.observations
-
-    def _advance(self, actions: Array, active: Mask) -> BatchStep:
-        controls = self._task.schedule_controls(actions, active)
-        if active.any():
-            self._step_batch(active, controls.shape[1], None, controls)
-        self._read_states(active)
-        return BatchStep(*self._task.evaluate(actions, self._states, active))

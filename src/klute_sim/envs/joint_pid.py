@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.envs.tasks.joint_task import CONTROL_INTERVAL
+from klute_sim.envs.base.task import CONTROL_INTERVAL
 
 
 class PidController:

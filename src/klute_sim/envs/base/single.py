@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from klute_sim.envs.base.errors import ClosedEnvError, ResetNeededError
 from klute_sim.envs.base.rendering import SceneRenderer
+from klute_sim.envs.base.task import CONTROL_INTERVAL
 from klute_sim.envs.base.thread_guard import ThreadGuard
 from klute_sim.envs.base.validation import validate_action, validate_reset_options, validate_seed
 from klute_sim.types import Array
@@ -45,6 +46,11 @@ class DeviceEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
         self._thread_guard, self._status = ThreadGuard(), EpisodeStatus.NEW
         self._spec: EnvSpec | None = None
         self._renderer: SceneRenderer | None = None
+
+    @property
+    def dt(self) -> float:
+        """Return the interval between two actions [s]."""
+        return CONTROL_INTERVAL
 
     @abstractmethod
     def _start_episode(self) -> tuple[Observation, dict[str, Any]]:

@@ -1,13 +1,11 @@
 """Rules of Gymnasium for a vector environment: seeds, automatic resets, copies in mid-episode, and threads."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from copy import copy, deepcopy
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, Self
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
-import mujoco
 import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
@@ -17,6 +15,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from klute_sim.envs.base.errors import ClosedEnvError, ResetNeededError
+from klute_sim.envs.base.task import CONTROL_INTERVAL, BatchStep
 from klute_sim.envs.base.thread_guard import ThreadGuard
 from klute_sim.envs.base.validation import (
     validate_action,
@@ -25,25 +24,10 @@ from klute_sim.envs.base.validation import (
     validate_reset_options,
     validate_seeds,
 )
-from klute_sim.errors import InputError, SimulationError
-from klute_sim.plant import batch
+from klute_sim.errors import InputError
 from klute_sim.types import Array, Mask
 
 Observations = NDArray[np.float32]
-STATE_SPEC = mujoco.mjtState.mjSTATE_INTEGRATION
-"""Parts of the MuJoCo state that restore a simulation."""
-
-
-@dataclass(frozen=True)
-class BatchStep:
-    """Result of one interval of all simulations."""
-
-    reward: Array
-    terminated: Mask
-    truncated: Mask
-    info: Mapping[str, Array]
-    info_masks: Mapping[str, Mask] = field(default_factory=dict)
-    """Simulations that have an entry of ``info``, for the entries that not all have."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,31 +60,24 @@ class VectorOptions:
             raise InputError(f"autoreset_mode is {self.autoreset_mode!r}; allowed: {allowed}") from None
 
 
-class BatchVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], ABC):
-    """Environments that are stepped together as one batch of simulations.
+class DeviceVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], ABC):
+    """Environments that are stepped together; a subclass implements the start of an episode and one interval.
 
     A copy (copy.copy, copy.deepcopy or pickle) continues in mid-episode exactly as the original does.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "render_fps": 100}  # noqa: RUF012
 
-    _NOT_COPIED: ClassVar = ("_batch", "_bound_states", "_randomized_fields", "_ctrl")
-    """Attributes that belong to MuJoCo's threads."""
-
     def __init__(
         self,
-        model: mujoco.MjModel,
-        states_type: type,
         options: VectorOptions,
         spaces_of_one: tuple["spaces.Box[np.float32]", "spaces.Box[np.float32]"],
         task_max_steps: int,
-        randomized_fields: Sequence[str] = (),
     ) -> None:
-        """Set up simulations of ``model`` without episodes.
+        """Set up environments without episodes.
 
-        ``states_type`` is a dataclass of the arrays that the task reads, ``spaces_of_one`` are the spaces of action and
-        observation, ``task_max_steps`` is the length of the longest episode, and ``randomized_fields`` of the model
-        differ between the simulations.
+        ``spaces_of_one`` are the spaces of action and observation; ``task_max_steps`` is the length of the longest
+        episode.
         """
         self._options = options
         self.num_envs, self._autoreset_mode = int(options.num_envs), AutoresetMode(options.autoreset_mode)
@@ -111,11 +88,6 @@ class BatchVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]],
         self.single_action_space, self.single_observation_space = spaces_of_one
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._model = copy(model)
-        self._scratch_data = mujoco.MjData(self._model)
-        self._state_names, self._randomized_names = [item.name for item in fields(states_type)], randomized_fields
-        self._connect_batch(model)
-        self._states = states_type(*(value.copy() for value in self._bound_states.values()))
         self._thread_guard = ThreadGuard()
         self._obstacle = "the environments have no episodes yet"
         self._rngs: list[np.random.Generator] = []
@@ -123,19 +95,18 @@ class BatchVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]],
         self._done: Mask = np.zeros(self.num_envs, dtype=np.bool_)
         self._elapsed_steps = np.zeros(self.num_envs, dtype=np.int64)
 
-    def _connect_batch(self, model: mujoco.MjModel) -> None:
-        self._batch = batch.create_batch(model, self.num_envs, int(self._options.n_jobs))
-        self._randomized_fields = {name: self._batch.expand(name) for name in self._randomized_names}
-        self._bound_states = {name: self._batch.bind(name) for name in self._state_names}
-        self._ctrl = self._batch.bind("ctrl")
+    @property
+    def dt(self) -> float:
+        """Return the interval between two actions [s]."""
+        return CONTROL_INTERVAL
 
     @abstractmethod
     def _start_episode(self, index: int, rng: np.random.Generator) -> Mapping[str, float]:
-        """Set ``self._scratch_data`` to the start of an episode of simulation ``index``; return its ``info``."""
+        """Start an episode of simulation ``index``; return its ``info``."""
 
     @abstractmethod
     def _reset_task(self, mask: Mask) -> None:
-        """Reset the task of the simulations in ``mask`` to ``self._states``."""
+        """Reset the task of the simulations in ``mask``, whose episodes have started."""
 
     @abstractmethod
     def _advance(self, actions: Array, active: Mask) -> BatchStep:
@@ -201,9 +172,6 @@ class BatchVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]],
         for i in np.flatnonzero(mask).tolist():
             for name, value in self._start_episode(i, self._rngs[i]).items():
                 info.setdefault(name, np.zeros(self.num_envs))[i] = value
-            mujoco.mj_getState(self._model, self._scratch_data, self._batch.state[i], STATE_SPEC)
-            for name in self._state_names:
-                getattr(self._states, name)[i] = getattr(self._scratch_data, name)
         self._reset_task(mask)
         self._done &= ~mask
         self._elapsed_steps[mask] = 0
@@ -255,29 +223,6 @@ class BatchVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]],
         infos |= mask_info(step.info, active, step.info_masks)
         return self._get_observations(), step.reward, step.terminated, truncated, infos
 
-    def _step_batch(
-        self,
-        active: Mask,
-        n_steps: int,
-        add_steps: Callable[[Mask, Array], None] | None,
-        controls: Array | None = None,
-    ) -> None:
-        """Take ``n_steps`` steps in the simulations ``active``.
-
-        ``controls`` (active simulations, ``n_steps``, nu) are the commands of every step. ``add_steps`` receives
-        ``active`` and the values of ``act`` after each step; None records nothing.
-        """
-        record = {"act": np.empty((int(active.sum()), n_steps, self._model.na))} if add_steps else {}
-        with suppress(SimulationError):  # a failed device ends its episode
-            batch.step_batch(self._batch, np.flatnonzero(active), n_steps, controls, record=record, is_isolated=True)
-        if add_steps:
-            add_steps(active, record["act"])
-
-    def _read_states(self, active: Mask) -> None:
-        """Copy the states of the simulations ``active`` from the batch."""
-        for name, value in self._bound_states.items():
-            getattr(self._states, name)[active] = value[active]
-
     def render(self) -> None:
         """Return None; raises ResetNeededError before the first reset, and ClosedEnvError."""
         self._require_open()
@@ -294,21 +239,14 @@ class BatchVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]],
     def __getstate__(self) -> dict[str, Any]:
         """Return the whole state; raises ConcurrentUseError while another thread steps."""
         with self._thread_guard:
-            state = {name: value for name, value in self.__dict__.items() if name not in self._NOT_COPIED}
-            rows = {name: values.copy() for name, values in self._randomized_fields.items()}
-            return state | {"_copied_batch": (copy(self._batch.model), self._batch.state.copy(), rows)}
+            return self._copy_state()
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the state of :meth:`__getstate__`."""
-        model, batch_state, rows = state.pop("_copied_batch")
-        self.__dict__.update(state)
-        self._connect_batch(model)
-        self._batch.state[:] = batch_state
-        for name, values in rows.items():
-            self._randomized_fields[name][:] = values
+    def _copy_state(self) -> dict[str, Any]:
+        """Return the attributes that a copy needs."""
+        return dict(self.__dict__)
 
     def __copy__(self) -> Self:
-        """Return a deep copy, because two environments cannot share one batch."""
+        """Return a deep copy, because two environments cannot share simulations."""
         return deepcopy(self)
 
 

@@ -3,9 +3,10 @@
 Every quantity is an array with one entry per simulation, so a single environment and a batch share this code.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,6 +17,7 @@ from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import compute_tension
 from klute_sim.device.equilibrium import compute_taut_state
+from klute_sim.envs.base.task import CONTROL_INTERVAL, BatchStep
 from klute_sim.envs.tasks.actions import ActionDecoder, select_action_kind
 from klute_sim.envs.tasks.bench_trajectory import TrajectoryGenerator
 from klute_sim.envs.tasks.energy_accounting import DeviceStates, EnergyAccounting
@@ -25,8 +27,6 @@ from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
 
-CONTROL_INTERVAL = 0.01
-"""Interval between two actions [s]."""
 MAX_DURATION = 600.0
 """Longest episode [s]."""
 MAX_STORED_LENGTHS = 100_000_000
@@ -116,6 +116,10 @@ class TesterStates:
 class BenchTask:
     """Trajectory, observation and evaluation of ``n_simulations`` testers with one device."""
 
+    states_type: type = TesterStates
+    observation_rows: Sequence[tuple[Any, ...]] = OBSERVATIONS
+    n_actions = 1
+
     def __init__(self, device: Device, options: BenchOptions, n_simulations: int, backend: str) -> None:
         """Set up the task with a ``backend``, ``compiled`` or ``python``."""
         self._options, self._backend, self._indices = options, backend, np.arange(n_simulations)
@@ -124,6 +128,7 @@ class BenchTask:
         """MuJoCo model of the tester including the device."""
         self.actuator = DeviceActuator(self.model, "muscle_tendon")
         """Device in the model."""
+        self.failure_address, self.max_episode_steps = self.actuator.act_address, options.actions_per_episode
         parameters = self.actuator.parameters
         self.servo_ctrl_address = int(self.model.actuator_ctrladr[self.model.actuator("servo").id])
         """Index of the servo's command in ``data.ctrl``."""
@@ -160,6 +165,7 @@ class BenchTask:
         self.elapsed_intervals = np.zeros(n_simulations, dtype=np.int64)
         """Number of intervals since the reset."""
         self._previous_action, self._phase = np.zeros(n_simulations), np.zeros(n_simulations)
+        self._command = np.zeros(n_simulations)
         self._cycle_work, self._cycle_air = np.zeros(n_simulations), np.zeros(n_simulations)
         self._observations = np.zeros((n_simulations, len(OBSERVATIONS)), dtype=np.float32)
 
@@ -198,42 +204,33 @@ class BenchTask:
         self._observe(mask, states)
 
     @property
-    def samples_air(self) -> bool:
-        """Return whether :meth:`add_steps` has to be called before :meth:`evaluate`."""
-        return self._energy.samples_air
+    def step_recorder(self) -> Callable[[Mask, Array], None] | None:
+        """Return what sums the air that an ideal regulator draws in each step; None: a part of the device meters it."""
+        return self._add_steps if self._energy.samples_air else None
 
-    def add_steps(self, mask: Mask, act: Array) -> None:
-        """Add the air drawn in consecutive steps; ``act`` (simulations in ``mask``, steps, na) is that after each."""
+    def _add_steps(self, mask: Mask, act: Array) -> None:
         first, resting_length = self.actuator.act_address, self.actuator.parameters.muscle.resting_length
         self._energy.add_steps(mask, act[:, :, first] * BAR, resting_length + act[:, :, first + 1])
 
-    def decode_action(self, action: Array) -> Array:
-        """Return the gauge pressure [bar] or opening [1] of ``action``, which is clipped to [-1, 1]."""
-        return self._action_decoder.decode(np.clip(action, -1.0, 1.0), self._phase)
-
-    def schedule_controls(self, command: Array, mask: Mask) -> Array:
+    def schedule_controls(self, actions: Array, mask: Mask) -> Array:
         """Return the controls of the simulations in ``mask`` at each step of the interval, shape (n, steps, 2)."""
+        self._command = self._action_decoder.decode(np.clip(actions[:, 0], -1.0, 1.0), self._phase)
         indices = np.flatnonzero(mask)[:, None]
         steps = self.elapsed_intervals[indices] * self._steps_per_action + np.arange(self._steps_per_action)
         controls = np.empty((*steps.shape, self.model.nu))
         controls[:, :, self.servo_ctrl_address] = self._servo_commands[indices, steps]
         start = 0
-        for count, scheduled_command in self._action_decoder.schedule_commands(command, mask):
+        for count, scheduled_command in self._action_decoder.schedule_commands(self._command, mask):
             controls[:, start : start + count, self.actuator.ctrl_address] = scheduled_command[mask, None]
             start += count
         return controls
 
-    def evaluate(
-        self, action: Array, command: Array, states: TesterStates, mask: Mask
-    ) -> tuple[Array, Mask, Mask, dict[str, Array], dict[str, Mask]]:
-        """Return reward, terminated, truncated, ``info``, and the masks of entries that only some simulations have.
-
-        ``command`` is the decoded ``action``. Only the simulations in ``mask`` advance.
-        """
+    def evaluate(self, actions: Array, states: TesterStates, mask: Mask) -> BatchStep:
+        """Return the result of the interval that ends now; only the simulations in ``mask`` advance."""
         self.elapsed_intervals += mask
         self._observe(mask, states)
         energy = self._energy.update(mask, self._device_states(states))
-        action = np.clip(action, -1.0, 1.0)
+        action = np.clip(actions[:, 0], -1.0, 1.0)
         action_change = action - self._previous_action
         self._previous_action = np.where(mask, action, self._previous_action)
         force = self._measure_force(states)
@@ -257,8 +254,8 @@ class BenchTask:
             terms = {name: np.where(is_finite & mask, term, 0.0) for name, term in terms.items()}
         truncated = mask & is_finite & (self.elapsed_intervals >= self._options.actions_per_episode)
         reward = np.asarray(sum(terms.values()))
-        info["valve_command" if self._command_is_opening else "pressure_command_bar"] = command
-        return reward, mask & ~is_finite, truncated, {**terms, **info, **energy}, info_masks
+        info["valve_command" if self._command_is_opening else "pressure_command_bar"] = self._command
+        return BatchStep(reward, mask & ~is_finite, truncated, {**terms, **info, **energy}, info_masks)
 
     def _measure_force(self, states: TesterStates) -> Array:
         # The sensor measures the force of the unit on the load cell along x.

@@ -14,6 +14,7 @@ from klute_sim.constants import GRAVITY
 from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.envs.base.task import CONTROL_INTERVAL, BatchStep
 from klute_sim.envs.tasks import reward
 from klute_sim.envs.tasks.actions import ActionDecoder, select_action_kind
 from klute_sim.envs.tasks.domain_randomization import DomainRandomizer, Episode, RandomizationRanges
@@ -27,9 +28,6 @@ from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
 
 Rngs = Sequence[np.random.Generator]
-
-CONTROL_INTERVAL = 0.01
-"""Interval between two actions [s]."""
 
 
 @dataclass
@@ -202,10 +200,8 @@ class GaitTask:
         hold_action = self._action_decoder.reset(mask, states.act[:, self._pressure_index])
         self._previous_action[mask] = hold_action[mask]
 
-    def evaluate(
-        self, action: Array, command: Array, states: SimulationStates, mask: Mask, rngs: Rngs
-    ) -> tuple[Array, Mask, Mask, dict[str, Array]]:
-        """Return reward, terminated, truncated and ``info`` of an interval with ``action`` in [-1, 1].
+    def evaluate(self, action: Array, command: Array, states: SimulationStates, mask: Mask, rngs: Rngs) -> BatchStep:
+        """Return the result of an interval with ``action`` in [-1, 1].
 
         ``command`` is the decoded action. Only the simulations in ``mask`` advance.
         """
@@ -242,7 +238,8 @@ class GaitTask:
             **energy,
             "valve_command" if self._command_is_opening else "pressure_command_bar": command,
         }
-        return terms.sum(axis=1), terminated, truncated, dict(zip(reward.REWARD_TERMS, terms.T, strict=True)) | info
+        term_info = dict(zip(reward.REWARD_TERMS, terms.T, strict=True))
+        return BatchStep(terms.sum(axis=1), terminated, truncated, term_info | info)
 
     def _commands_per_stride(self) -> NDArray[np.int64]:
         return np.asarray(self._stride_tables.commands_per_stride[self._rig_index])

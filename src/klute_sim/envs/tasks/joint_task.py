@@ -1,6 +1,8 @@
 """Task of ``klute_sim/AntagonistJoint``: a joint between two muscles follows a target angle."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -9,6 +11,7 @@ from numpy.typing import NDArray
 from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import Device
 from klute_sim.device.equilibrium import compute_taut_state
+from klute_sim.envs.base.task import CONTROL_INTERVAL, BatchStep
 from klute_sim.envs.tasks.actions import ActionDecoder, select_action_kind
 from klute_sim.envs.tasks.bench_trajectory import random_wave
 from klute_sim.errors import InputError
@@ -19,8 +22,6 @@ from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.plant.mjcf.model_file import load_model_file
 from klute_sim.types import Array, Mask
 
-CONTROL_INTERVAL = 0.01
-"""Interval between two actions [s]."""
 MAX_DURATION = 600.0
 """Longest episode [s]."""
 TENDONS = ("flexor", "extensor")
@@ -95,6 +96,11 @@ class JointStates:
 class JointTask:
     """Target angle, observation and reward of ``n_simulations`` joints with a device on each tendon."""
 
+    states_type: type = JointStates
+    observation_rows: Sequence[tuple[Any, ...]] = OBSERVATIONS
+    n_actions = len(TENDONS)
+    step_recorder = None
+
     def __init__(self, devices: dict[str, Device], options: JointOptions, n_simulations: int, backend: str) -> None:
         """Set up the task with ``devices`` (tendon -> device) and a ``backend``, ``compiled`` or ``python``."""
         self._options, self._backend, self._indices = options, backend, np.arange(n_simulations)
@@ -113,6 +119,7 @@ class JointTask:
             DeviceActuator(self.model, mechanism.find_actuator(self.model, name)) for name in TENDONS
         )
         """Devices in the model."""
+        self.failure_address, self.max_episode_steps = self.actuators[0].act_address, options.actions_per_episode
         self._decoders = tuple(
             ActionDecoder(
                 select_action_kind(None, actuator.parameters.supply.command_is_opening != 0.0, devices[name].name),
@@ -178,8 +185,8 @@ class JointTask:
                 start += count
         return controls
 
-    def evaluate(self, actions: Array, states: JointStates, mask: Mask) -> tuple[Array, Mask, Mask, dict[str, Array]]:
-        """Return reward, terminated, truncated and ``info``; only the simulations in ``mask`` advance."""
+    def evaluate(self, actions: Array, states: JointStates, mask: Mask) -> BatchStep:
+        """Return the result of the interval that ends now; only the simulations in ``mask`` advance."""
         self.elapsed_intervals += mask
         self._observe(mask, states)
         actions = np.clip(actions, -1.0, 1.0)
@@ -200,7 +207,8 @@ class JointTask:
             },
         }
         truncated = mask & is_finite & (self.elapsed_intervals >= self._options.actions_per_episode)
-        return terms["reward_angle"] + terms["reward_smoothness"], mask & ~is_finite, truncated, {**terms, **info}
+        reward = terms["reward_angle"] + terms["reward_smoothness"]
+        return BatchStep(reward, mask & ~is_finite, truncated, {**terms, **info})
 
     def _observe(self, mask: Mask, states: JointStates) -> None:
         now = self.elapsed_intervals

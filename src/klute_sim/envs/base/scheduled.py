@@ -1,0 +1,110 @@
+"""Environments of a task whose controls of an interval are known at its beginning: single, and as a batch."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from klute_sim.envs.base.batch_vector import BatchVectorEnv
+from klute_sim.envs.base.single import DeviceEnv, Observation, Step
+from klute_sim.envs.base.task import (
+    CONTROL_INTERVAL,
+    BatchStep,
+    ScheduledTask,
+    make_action_space,
+    make_observation_space,
+)
+from klute_sim.envs.base.vector import Observations, VectorOptions
+from klute_sim.errors import InputError, SimulationError
+from klute_sim.plant import callbacks
+from klute_sim.types import Array, Mask
+
+SINGLE_MASK = np.ones(1, dtype=np.bool_)
+
+
+class ScheduledTaskEnv(DeviceEnv):
+    """Single environment of a task."""
+
+    metadata: dict[str, Any] = {"render_modes": [], "render_fps": round(1.0 / CONTROL_INTERVAL)}  # noqa: RUF012
+
+    def __init__(self, task: ScheduledTask, backend: str, render_mode: None) -> None:
+        """Set up the environment of ``task``, which has one simulation, with a ``backend``, compiled or python.
+
+        Raises InputError for a ``render_mode``.
+        """
+        if render_mode is not None:
+            raise InputError(f"render_mode is {render_mode!r}; allowed: None")
+        super().__init__(task.max_episode_steps)
+        self._backend, self._task = backend, task
+        self.model = task.model
+        """MuJoCo model including the devices."""
+        self.data = mujoco.MjData(self.model)
+        """State of the simulation."""
+        self.render_mode = render_mode
+        self.action_space = make_action_space(task.n_actions)
+        self.observation_space = make_observation_space(task.observation_rows)
+
+    def _start_episode(self) -> tuple[Observation, dict[str, Any]]:
+        self._task.start_episode(0, self.data, self.np_random)
+        self._task.reset(SINGLE_MASK, self._read_states())
+        return self._task.observations[0], {}
+
+    def _advance(self, action: Array) -> Step:
+        actions, acts = action[None], []
+        with callbacks.device_callbacks(self._backend, is_isolated=True):
+            try:
+                for control in self._task.schedule_controls(actions, SINGLE_MASK)[0]:
+                    self.data.ctrl[:] = control
+                    callbacks.step_model(self.model, self.data)
+                    acts.append(self.data.act.copy())
+            except SimulationError:
+                # Under either law, a failed device ends the episode.
+                self.data.act[self._task.failure_address] = np.nan
+        if self._task.step_recorder is not None:
+            self._task.step_recorder(SINGLE_MASK, np.reshape(acts, (1, -1, self.model.na)))
+        step = self._task.evaluate(actions, self._read_states(), SINGLE_MASK)
+        return (
+            self._task.observations[0],
+            float(step.reward[0]),
+            bool(step.terminated[0]),
+            bool(step.truncated[0]),
+            step.get_first_info(),
+        )
+
+    def _read_states(self) -> Any:
+        names = (field.name for field in fields(self._task.states_type))
+        return self._task.states_type(*(getattr(self.data, name)[None] for name in names))
+
+
+class ScheduledTaskVectorEnv(BatchVectorEnv):
+    """Batch of environments of a task."""
+
+    def __init__(self, task: ScheduledTask, options: VectorOptions) -> None:
+        """Set up the environments of ``task``, which has as many simulations as ``options`` ask for."""
+        self._task = task
+        super().__init__(
+            task.model,
+            task.states_type,
+            options,
+            (make_action_space(task.n_actions), make_observation_space(task.observation_rows)),
+            task.max_episode_steps,
+        )
+
+    def _prepare_episode(self, index: int, rng: np.random.Generator) -> Mapping[str, float]:
+        self._task.start_episode(index, self._scratch_data, rng)
+        return {}
+
+    def _reset_task(self, mask: Mask) -> None:
+        self._task.reset(mask, self._states)
+
+    def _get_observations(self) -> Observations:
+        return self._task.observations
+
+    def _advance(self, actions: Array, active: Mask) -> BatchStep:
+        controls = self._task.schedule_controls(actions, active)
+        if active.any():
+            self._step_batch(active, controls.shape[1], self._task.step_recorder, controls)
+        self._read_states(active)
+        return self._task.evaluate(actions, self._states, active)
