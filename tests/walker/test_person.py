@@ -13,6 +13,7 @@ from klute_sim.errors import InputError
 from klute_sim.files.toml import parse_toml
 from klute_sim.gait.spring_foot import SpringFoot
 from klute_sim.laws.muscle_tendon import MuscleTendon, tendon_strain
+from klute_sim.plant import models
 from klute_sim.walker.person import body as body_module
 from klute_sim.walker.person import muscles
 from klute_sim.walker.person.body import MUSCLES, load_body
@@ -132,3 +133,15 @@ def test_digest_follows_numbers_and_neither_comments_nor_sources() -> None:
     other = body_module.BodyDocument.model_validate(content)
     assert digest != body_module._hash_numbers(other, segments)
     assert replace(BODY, digest=digest).digest == digest
+
+
+def test_digest_follows_what_moves_and_not_what_is_seen() -> None:
+    document = BODY.document
+    segments = (models.get_models_folder() / body_module.SEGMENT_FILE).read_text("utf-8")
+    assert body_module._hash_numbers(document, segments) == BODY.digest
+    for seen, other in (("fovy=", "ipd="), ('<geom name="head"', '<geom name="hat"'), ('rgba="0.3', 'rgba="0.9')):
+        assert seen in segments
+        assert body_module._hash_numbers(document, segments.replace(seen, other)) == BODY.digest
+    for moves, other in (('mass="50.15625"', 'mass="50"'), ('size="0.022"', 'size="0.02"'), ('"0.3 0.95', '"0.9 0.95')):
+        assert moves in segments
+        assert body_module._hash_numbers(document, segments.replace(moves, other)) != BODY.digest

@@ -12,6 +12,16 @@ from klute_sim.errors import InputError
 from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.coupling import DAMPING_INDEX, N_ALL_STATES, N_BASE_STATES, USER_ROW_SIZE
 
+N_VISIBLE_GROUPS = 3
+"""Groups of geoms that MuJoCo's viewer shows unless told otherwise: 0 to 2. Group 3 of our models holds contact."""
+REST_SUFFIX = "_at_rest"
+"""Ending of the names of geoms that show a muscle at rest, for viewers that cannot draw one that swells."""
+
+
+def is_muscle_at_rest(model: mujoco.MjModel, geom: int) -> bool:
+    """Return whether a geom shows a muscle at rest, in whose place a muscle that swells is drawn."""
+    return bool(model.geom(geom).name.endswith(REST_SUFFIX))
+
 
 def get_models_folder() -> Path:
     """Return the folder of the MJCF files: in an installed package, or next to ``src`` in a checkout."""
@@ -20,8 +30,14 @@ def get_models_folder() -> Path:
 
 
 def load_spec(name: str) -> mujoco.MjSpec:
-    """Return the editable model ``name`` (``ankle``, ``bench`` or ``gait_rig``)."""
-    return mujoco.MjSpec.from_file(str(get_models_folder() / f"{name}.xml"))
+    """Return the editable model ``name`` (``ankle``, ``bench``, ``gait_rig`` or ``walker``) without its keyframes.
+
+    A keyframe has as many numbers as the file has coordinates and states, which devices and elastic feet change.
+    """
+    spec = mujoco.MjSpec.from_file(str(get_models_folder() / f"{name}.xml"))
+    for key in list(spec.keys):
+        spec.delete(key)
+    return spec
 
 
 def attach_devices(

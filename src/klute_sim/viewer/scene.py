@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.gait.body import KEEL_JOINT, PROSTHESIS_PREFIX
+from klute_sim.plant.models import N_VISIBLE_GROUPS, is_muscle_at_rest
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 
@@ -95,7 +96,10 @@ def log_scene(
     frames, positions = compute_postures(recording, model)
     times = [rr.TimeColumn(timeline, duration=recording["time"][frames])]
     sites = [PROSTHESIS_PREFIX + name for name in ("achilles_origin", "achilles_insertion")]
-    ends = log_bodies(stream, model, positions, times, root, hidden=hidden, sites=sites)
+    draws_muscle = "muscle_length" in recording and "pressure" in recording
+    ends = log_bodies(
+        stream, model, positions, times, root, hidden=hidden, sites=sites, omits_muscle_at_rest=draws_muscle
+    )
     _log_unit(stream, recording, frames, times, ends, root)
     if "cop_x" in recording:
         _log_ground_reaction(stream, recording, frames, times, root)
@@ -110,16 +114,20 @@ def log_bodies(
     *,
     hidden: Collection[str] = (),
     sites: Sequence[str] = (),
+    omits_muscle_at_rest: bool = False,
 ) -> Array:
     """Log the geometry of ``model`` once, and its body poses at joint ``positions`` (n, nq) over ``times``.
 
-    Returns the positions (n, len(sites), 3) of ``sites``. Bodies in ``hidden`` are omitted.
+    Returns the positions (n, len(sites), 3) of ``sites``. Bodies in ``hidden`` and geoms that MuJoCo's viewer hides are
+    omitted.
     """
     import rerun as rr
 
     stream.log(root, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for geom in range(model.ngeom):
-        if model.body(int(model.geom_bodyid[geom])).name not in hidden:
+        is_shown = model.geom_group[geom] < N_VISIBLE_GROUPS
+        is_shown &= not (omits_muscle_at_rest and is_muscle_at_rest(model, geom))
+        if is_shown and model.body(int(model.geom_bodyid[geom])).name not in hidden:
             _log_geom(stream, model, geom, root)
     data = mujoco.MjData(model)
     translation = np.empty((len(positions), model.nbody, 3))
@@ -209,11 +217,13 @@ def _log_geom(stream: Any, model: mujoco.MjModel, geom: int, root: str) -> None:
         shape = rr.Capsules3D(
             lengths=[length], radii=[size[0]], translations=[[0, 0, -size[1]]], colors=[colour], fill_mode="solid"
         )
+    elif kind == kinds.mjGEOM_CYLINDER:
+        shape = rr.Cylinders3D(lengths=[2.0 * size[1]], radii=[size[0]], colors=[colour], fill_mode="solid")
     elif kind == kinds.mjGEOM_BOX:
         shape = rr.Boxes3D(half_sizes=[size], colors=[colour], fill_mode="solid")
     else:
         return  # the rigs have no other shapes
-    name = model.geom(geom).name or str(geom)
+    name = model.geom(geom).name or f"geom_{geom}"
     body = int(model.geom_bodyid[geom])
     path = f"{root}/{name}" if body == 0 else f"{format_body_entity(model, body, root)}/{name}"
     stream.log(path, pose, shape, static=True)

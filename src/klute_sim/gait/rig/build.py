@@ -57,7 +57,7 @@ def build_gait_model(
     scale = stature / MODEL_STATURE
     _scale_limbs(spec, scale, mass)
     spec.frame("socket_end").quat = np.array([math.cos(0.5 * alignment), 0.0, -math.sin(0.5 * alignment), 0.0])
-    spec.site(PROSTHESIS_PREFIX + "achilles_origin").pos = compute_achilles_origin(device, spec, scale)
+    place_achilles_origin(spec, device, scale)
     parameters = device.parameters
     if spring_foot is not None:
         spring_foot.apply_to_joint(spec.joint(PROSTHESIS_PREFIX + "ankle"))
@@ -83,10 +83,23 @@ def _scale_limbs(spec: mujoco.MjSpec, scale: float, mass: float) -> None:
     spec.body("carriage").mass = mass - limb_mass
     frame = spec.frame("socket_end")
     frame.pos = np.asarray(frame.pos) * scale
+    foot_classes = {PROSTHESIS_PREFIX + name for name in ("sole", "carbon", "rubber")}
     for geom in spec.geoms:
-        if geom.classname.name == PROSTHESIS_PREFIX + "sole":
+        if geom.classname.name in foot_classes and geom.parent.name != PROSTHESIS_PREFIX + "pylon":
             geom.pos = np.asarray(geom.pos) * scale
             geom.size = np.asarray(geom.size) * scale
+        elif geom.classname.name == "limb":  # a shape to look at
+            geom.pos, geom.fromto = np.asarray(geom.pos) * scale, np.asarray(geom.fromto) * scale
+
+
+def place_achilles_origin(spec: mujoco.MjSpec, device: Device, scale: float) -> None:
+    """Move the Achilles origin of ``spec``, and the clevis that is drawn there, to where ``device`` fits.
+
+    Raises InputError as :func:`compute_achilles_origin` does.
+    """
+    origin = compute_achilles_origin(device, spec, scale)
+    spec.site(PROSTHESIS_PREFIX + "achilles_origin").pos = origin
+    spec.frame(PROSTHESIS_PREFIX + "clevis").pos = origin
 
 
 def compute_achilles_origin(device: Device, spec: mujoco.MjSpec, scale: float) -> Array:

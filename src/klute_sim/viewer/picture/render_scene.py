@@ -62,6 +62,11 @@ def extract_solids(entity: Entity, timeline: str, cursor: float) -> list[tuple[A
         begin = np.array(get_first_value(entity, "translations", [0.0, 0.0, 0.0]))
         end = begin + np.array([0.0, 0.0, get_first_value(entity, "lengths", 0.0)])
         return [(np.array([begin, end]), float(get_first_value(entity, "radii", 0.0)))]
+    if "Cylinders3D" in entity.archetypes:
+        radius, half_length = get_first_value(entity, "radii", 0.0), 0.5 * get_first_value(entity, "lengths", 0.0)
+        rim = radius * _make_circle()
+        ends = [np.column_stack([rim, np.full(len(rim), z)]) for z in (-half_length, half_length)]
+        return [(np.concatenate(ends), 0.0)]
     if "Ellipsoids3D" in entity.archetypes:
         half_length, _, half_height = get_first_value(entity, "half_sizes", [0.0, 0.0, 0.0])
         circle = _make_circle()

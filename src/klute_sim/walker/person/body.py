@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-import re
+import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -25,6 +25,13 @@ JOINTS = ("hip", "knee", "ankle")
 SIDES = ("left", "right")
 """Legs, in the order of all arrays; a prosthesis is on the right."""
 BODY_FILE, SEGMENT_FILE = "body.toml", "walker.xml"
+CONTACT_CLASSES = ("sole", "ground")
+"""Classes of the geoms of :data:`SEGMENT_FILE` that touch; the others are shapes to look at."""
+LOOK_ELEMENTS, LOOK_ATTRIBUTES = (
+    ("asset", "camera", "keyframe", "light", "statistic", "visual"),
+    ("group", "material", "rgba"),
+)
+"""Elements and attributes of :data:`SEGMENT_FILE` that only change its looks."""
 """Files that define the body."""
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
@@ -168,7 +175,15 @@ def load_body() -> Body:
 
 
 def _hash_numbers(document: BodyDocument, segments: str) -> str:
-    """Return the SHA-256 of everything but sources, comments and blanks."""
+    """Return the SHA-256 of everything that moves the body: without sources, comments, blanks and looks."""
     numbers = document.model_dump_json(exclude={"sources"})
-    elements = " ".join(re.sub(r"<!--.*?-->", "", segments, flags=re.DOTALL).split())
+    root = ElementTree.fromstring(segments)
+    for element in root.iter():
+        for child in list(element):
+            is_shape = element.tag != "default" and child.tag == "geom" and child.get("class") not in CONTACT_CLASSES
+            if child.tag in LOOK_ELEMENTS or is_shape:
+                element.remove(child)
+        for attribute in LOOK_ATTRIBUTES:
+            element.attrib.pop(attribute, None)
+    elements = ElementTree.canonicalize(ElementTree.tostring(root, "unicode"), strip_text=True)
     return hashlib.sha256(f"{numbers}{elements}".encode()).hexdigest()

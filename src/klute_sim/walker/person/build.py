@@ -11,7 +11,7 @@ from klute_sim.constants import GRAVITY
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.gait.body import PROSTHESIS_PREFIX
-from klute_sim.gait.rig.build import apply_device_foot, compute_achilles_origin, get_alignment
+from klute_sim.gait.rig.build import apply_device_foot, get_alignment, place_achilles_origin
 from klute_sim.gait.spring_foot import SpringFoot, disable_tendon
 from klute_sim.plant import callbacks, models
 from klute_sim.walker.person.body import Body
@@ -128,7 +128,7 @@ def _attach_prosthesis(spec: mujoco.MjSpec, body: Body, prosthesis: Prosthesis) 
     ankle.option.iterations, ankle.option.gravity = spec.option.iterations, spec.option.gravity
     spec.frame("socket_end").attach_body(ankle.body("pylon"), PROSTHESIS_PREFIX, "")
     _put_on_shoe(spec)
-    spec.site(PROSTHESIS_PREFIX + "achilles_origin").pos = compute_achilles_origin(device, spec, 1.0)
+    place_achilles_origin(spec, device, 1.0)
     load = spec.add_sensor(
         name="load_right",
         type=mujoco.mjtSensor.mjSENS_CONTACT,
