@@ -28,6 +28,7 @@ from rich.table import Table
 import klute_sim  # noqa: F401  (registers the environments)
 from klute_sim import bench
 from klute_sim.controllers.pressure import load_default_profile
+from klute_sim.controllers.state_machine import load_default_state_machine
 from klute_sim.device.device import DEFAULT_DEVICE, load_device, parse_device
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.rollout import simulate_rollouts
@@ -40,10 +41,17 @@ from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, GaitRig, buil
 from klute_sim.gait.spring_foot import SpringFoot
 from klute_sim.plant import callbacks, models
 from klute_sim.provenance import collect_versions
+from klute_sim.walker.person.body import load_body
+from klute_sim.walker.person.build import Prosthesis, build_walker_model
+from klute_sim.walker.reflexes.walker_file import load_walker
+from klute_sim.walker.simulation.commands import DeviceCommands
+from klute_sim.walker.simulation.simulator import WalkSimulator
+from klute_sim.walker.simulation.walk import Walk
 
 DEVICE = load_device(DEFAULT_DEVICE)
 VALVE_DEVICE = load_device("klute-1-1-4-pair-valve")
 ENVIRONMENT_ID, BENCH_ID = "klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0"
+WALK_ID = "klute_sim/AnkleWalk-v0"
 STEPS_PER_CALL = 20
 
 
@@ -282,6 +290,43 @@ def measure_environment_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[st
     return found, {"environment_steps_per_cpu_second": rate}
 
 
+def measure_walk_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[str, float]]:
+    """Compare environment steps of a predicted walk with the same walk in compiled code alone, and with a batch."""
+    walker, machine, many, per_env = load_walker("machine-1"), load_default_state_machine(), 16, 32
+    count, body = many * per_env, load_body()
+    model = build_walker_model(body, Prosthesis(device=DEVICE))
+    options: dict[str, Any] = {"action": "residual", "walkers": [walker.name]}
+    single = gymnasium.make(WALK_ID, **options)
+    batch = gymnasium.make_vec(WALK_ID, many, "vector_entry_point", n_jobs=1, **options)
+
+    def alone() -> None:
+        with callbacks.device_callbacks("compiled"):
+            simulator = WalkSimulator(model, body)
+            simulator.reset(walker.reflexes)
+            Walk(simulator, DeviceCommands(simulator, machine, 10 * count)).advance(0.01 * count)
+
+    def steps() -> None:
+        single.reset(seed=0)
+        for _ in range(count):
+            single.step(np.zeros(1, dtype=np.float32))
+
+    def vector() -> None:
+        batch.reset(seed=0)
+        for _ in range(per_env):
+            batch.step(np.zeros((many, 1), dtype=np.float32))
+
+    _, one, together = measure_interleaved(n_rounds, measure_cpu_time, alone, steps, vector)
+    rates = [count / statistics.median(measure_cpu_time(task) for _ in range(n_rounds)) for task in (steps, vector)]
+    against = "the same walk in compiled code alone"
+    found = [
+        SpeedRatio("walk environment: steps per CPU second, thousands", "1", rates[0] / 1e3, "", True),
+        SpeedRatio("  16 vectorized, one thread", "1", rates[1] / 1e3, ">= 5", rates[1] >= 5000),
+        SpeedRatio("walk environment: steps per CPU second", against, 1 / one, "", True),
+        SpeedRatio("  16 vectorized, one thread", against, 1 / together, "", True),
+    ]
+    return found, {"walk_environment_steps_per_cpu_second": rates[0], "walk_vector_steps_per_cpu_second": rates[1]}
+
+
 def measure_rollout_ratios(n_rounds: int) -> list[SpeedRatio]:
     """Compare the device alone with the bench in MuJoCo."""
     count, step = 4000, 5e-4
@@ -366,6 +411,7 @@ def main() -> None:
         lambda: [measure_gait_ratio(max(3, rounds // 2))],
         lambda: measure_run_ratios(max(3, rounds // 3)),
         lambda: measure_environment_ratios(max(3, rounds // 3)),
+        lambda: measure_walk_ratios(max(3, rounds // 3)),
         lambda: measure_rollout_ratios(rounds),
     ]
     for part in track(parts, "measuring", console=notes, transient=True, disable=not notes.is_terminal):

@@ -19,11 +19,12 @@ from klute_sim.envs.registration import ENVIRONMENTS
 from klute_sim.errors import InputError, KluteSimError
 
 GAIT, BENCH = "klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0"
-JOINT = "klute_sim/AntagonistJoint-v0"
+JOINT, WALK = "klute_sim/AntagonistJoint-v0", "klute_sim/AnkleWalk-v0"
 SHORT: dict[str, dict[str, Any]] = {
     GAIT: {"strides": 1, "time_step": 1e-3},
     BENCH: {"duration": 1.0, "time_step": 1e-3},
     JOINT: {"duration": 1.0, "time_step": 1e-3},
+    WALK: {"duration": 1.0},
 }
 EFFECTS = b"""
 [effects.pressure_delay]
@@ -47,8 +48,9 @@ def make_action(env: Any) -> np.ndarray:
     return np.zeros(env.action_space.shape, dtype=np.float32)
 
 
-def make_complicated_device() -> Device:
-    return parse_device(load_device("klute-1-1-4-pair-valve").content + EFFECTS, "complicated")
+def make_complicated_device(name: str) -> Device:
+    preset = "klute-1-1-4-pair" if name == WALK else "klute-1-1-4-pair-valve"
+    return parse_device(load_device(preset).content + EFFECTS, "complicated")
 
 
 @pytest.fixture(params=list(ENVIRONMENTS))
@@ -151,12 +153,15 @@ def test_invalid_reset_is_refused(name: str) -> None:
 
 @pytest.mark.parametrize("copy_environment", [copy.deepcopy, copy.copy, lambda env: pickle.loads(pickle.dumps(env))])
 def test_copy_in_mid_episode_continues_exactly(name: str, copy_environment: Any) -> None:
-    options: dict[str, Any] = {"device": make_complicated_device()}
+    options: dict[str, Any] = {"device": make_complicated_device(name)}
     if name == GAIT:
         ranges = {"mass_fraction": 0.1, "device": {"muscle.c10_kpa": 0.1}}
         options |= {"sensor_noise": 1.0, "sensor_delay": 3, "domain_randomization": ranges}
     elif name == BENCH:
         options["task"] = "work"
+    elif name == WALK:
+        noise = {"sensor_noise": 1.0, "sensor_delay": 3, "gain_noise": 0.03}
+        options |= {"action": "residual", "unevenness": 0.005, **noise}
     rng = np.random.default_rng(0)
     for original in (make_single(name, **options), make_vector(name, **options)):
         shape = original.action_space.shape
@@ -228,7 +233,7 @@ def test_environments_in_two_threads_equal_one_after_the_other(name: str, backen
 def test_specification_has_the_length_and_makes_the_same_environment(name: str) -> None:
     env = gymnasium.make(name)
     assert env.spec is not None
-    assert env.spec.max_episode_steps == {GAIT: 550, BENCH: 500, JOINT: 500}[name]
+    assert env.spec.max_episode_steps == {GAIT: 550, BENCH: 500, JOINT: 500, WALK: 2000}[name]
     assert gymnasium.envs.registration.EnvSpec.from_json(env.spec.to_json()) == env.spec
     again = env.spec.make()
     assert again.spec == env.spec

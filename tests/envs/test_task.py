@@ -7,6 +7,7 @@ import pytest
 
 from klute_sim.device.device import load_device, parse_device
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
+from klute_sim.envs.base.single import SINGLE_MASK
 from klute_sim.errors import InputError
 from klute_sim.gait.rig.setup import MAX_PATH_DEVIATION, reset_gait_rig
 from klute_sim.laws import mckibben, pneumatics
@@ -179,11 +180,11 @@ def test_dead_time_delays_command_by_steps() -> None:
     # At 50 bar/s the prompt device rises by 0.5 bar in the interval; the delayed one has not received the command.
     assert reached[0] == pytest.approx(1.0, abs=1e-6)
     assert reached[1] == pytest.approx(1.5, abs=1e-6)
-    assert [steps for steps, _ in delayed_env._task.schedule_commands(np.array([3.0]), delayed_env._single_mask)] == [
+    assert [steps for steps, _ in delayed_env._task.schedule_commands(np.array([3.0]), SINGLE_MASK)] == [
         5,
         15,
     ]
-    assert [steps for steps, _ in prompt_env._task.schedule_commands(np.array([3.0]), prompt_env._single_mask)] == [20]
+    assert [steps for steps, _ in prompt_env._task.schedule_commands(np.array([3.0]), SINGLE_MASK)] == [20]
 
 
 def test_batch_equals_single_environment_with_dead_time() -> None:

@@ -10,14 +10,15 @@ from klute_sim.device.device import load_device
 from klute_sim.errors import InputError
 
 NAME, BENCH = "klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0"
-JOINT = "klute_sim/AntagonistJoint-v0"
+JOINT, WALK = "klute_sim/AntagonistJoint-v0", "klute_sim/AnkleWalk-v0"
 SHORT = {"strides": 1, "time_step": 1e-3}
 SHORT_BENCH = {"duration": 1.1, "cycle_duration": 0.3, "time_step": 1e-3}
 SHORT_JOINT = {"duration": 1.1, "time_step": 1e-3}
+SHORT_WALK = {"duration": 1.1, "gain_noise": 0.03, "sensor_noise": 1.0}
 
 
 def make_envs(mode: str, autoreset: AutoresetMode, count: int = 3, name: str = NAME, **options: object) -> VectorEnv:
-    options |= {NAME: SHORT, BENCH: SHORT_BENCH, JOINT: SHORT_JOINT}[name]
+    options |= {NAME: SHORT, BENCH: SHORT_BENCH, JOINT: SHORT_JOINT, WALK: SHORT_WALK}[name]
     if mode == "sync":
         return gymnasium.make_vec(name, count, "sync", vector_kwargs={"autoreset_mode": autoreset}, **options)
     return gymnasium.make_vec(name, count, "vector_entry_point", autoreset_mode=autoreset, **options)
@@ -38,8 +39,9 @@ def are_equal(a: object, b: object) -> bool:
         (BENCH, {"task": "force"}),
         (BENCH, {"task": "work", "device": "klute-1-1-4-pair-valve"}),
         (JOINT, {}),
+        (WALK, {"action": "residual"}),
     ],
-    ids=["gait", "force", "work", "joint"],
+    ids=["gait", "force", "work", "joint", "walk"],
 )
 @pytest.mark.parametrize("autoreset", list(AutoresetMode))
 def test_batch_is_bit_identical_to_single_environments(

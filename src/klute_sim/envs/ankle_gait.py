@@ -12,22 +12,20 @@ from numpy.typing import NDArray
 
 from klute_sim.controllers.pressure import PressureProfile
 from klute_sim.device.device import DEFAULT_DEVICE, Device
-from klute_sim.envs.base.rendering import SceneRenderer, find_context_module
-from klute_sim.envs.base.single import DeviceEnv, Observation, Step
+from klute_sim.envs.base.pictures import PictureOptions
+from klute_sim.envs.base.rendering import SceneRenderer
+from klute_sim.envs.base.single import SINGLE_MASK, DeviceEnv, Observation, Step
 from klute_sim.envs.base.task import CONTROL_INTERVAL, make_action_space, make_observation_space
 from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
 from klute_sim.envs.tasks.gait_task import GaitTask, SimulationStates
 from klute_sim.envs.tasks.instruments import OBSERVATIONS
 from klute_sim.envs.tasks.options import TaskOptions, resolve_device, resolve_gait_options
-from klute_sim.errors import InputError, SimulationError
+from klute_sim.errors import SimulationError
 from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitRig, reset_gait_rig
 from klute_sim.gait.subject import ReferenceLike
 from klute_sim.plant import callbacks
 from klute_sim.types import Array
 from klute_sim.units import BAR
-
-MAX_PIXELS = 4096
-"""Largest width and height of a rendered image [pixels]."""
 
 
 class AnkleGaitEnv(DeviceEnv):
@@ -168,10 +166,7 @@ class AnkleGaitEnv(DeviceEnv):
 
         Raises InputError when an option is invalid.
         """
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InputError(f"render_mode is '{render_mode}'; allowed: None, rgb_array")
-        if render_mode is not None:
-            find_context_module()  # a system that cannot draw is refused now, not at the first picture
+        self._pictures = PictureOptions(render_mode, width, height)
         gait_options = resolve_gait_options(
             reference, stride_time, accept, mass, stature, speed, slope, strides, time_step
         )
@@ -186,10 +181,7 @@ class AnkleGaitEnv(DeviceEnv):
             reset_noise=reset_noise,
         )
         self._backend, self._reset_noise = callbacks.choose_backend(backend), reset_noise
-        self._task, self._single_mask = (
-            GaitTask(resolve_device(device, foot), gait_options, options, 1, self._backend),
-            np.ones(1, dtype=np.bool_),
-        )
+        self._task = GaitTask(resolve_device(device, foot), gait_options, options, 1, self._backend)
         super().__init__(self._task.max_episode_steps)
         self._gait_rig = self._task.randomizer.gait_rigs[0]
         self.model = copy(self._gait_rig.model)
@@ -198,13 +190,6 @@ class AnkleGaitEnv(DeviceEnv):
         """State of the simulation."""
         self.render_mode = render_mode
         self.action_space, self.observation_space = make_action_space(), make_observation_space(OBSERVATIONS)
-        if not (0 < width <= MAX_PIXELS and 0 < height <= MAX_PIXELS):
-            raise InputError(
-                f"the image size is {width} x {height}; allowed: 1 to {MAX_PIXELS} pixels in each direction"
-            )
-        self._image_size = (height, width)
-        self.model.vis.global_.offwidth = max(width, self.model.vis.global_.offwidth)
-        self.model.vis.global_.offheight = max(height, self.model.vis.global_.offheight)
 
     def _start_episode(self) -> tuple[Observation, dict[str, Any]]:
         episode = self._task.randomizer.sample(self.np_random)
@@ -212,7 +197,7 @@ class AnkleGaitEnv(DeviceEnv):
         with callbacks.device_callbacks(self._backend, is_isolated=True):
             reset_simulation(self._gait_rig, self.data, self.np_random, self._reset_noise)
         self._task.assign_episode(0, episode)
-        self._task.reset(self._single_mask, self._read_states(), [self.np_random])
+        self._task.reset(SINGLE_MASK, self._read_states(), [self.np_random])
         return self._task.observations[0], dict(episode.sampled_values)
 
     def _advance(self, action: Array) -> Step:
@@ -221,7 +206,7 @@ class AnkleGaitEnv(DeviceEnv):
         act, acts = self.data.act, []
         with callbacks.device_callbacks(self._backend, is_isolated=True):
             try:
-                for steps, scheduled_command in self._task.schedule_commands(command, self._single_mask):
+                for steps, scheduled_command in self._task.schedule_commands(command, SINGLE_MASK):
                     self.data.ctrl[self._gait_rig.actuator.ctrl_address] = scheduled_command[0]
                     for count in [1] * steps if self._task.samples_air else [steps]:
                         callbacks.step_model(self.model, self.data, count)
@@ -231,8 +216,8 @@ class AnkleGaitEnv(DeviceEnv):
                     np.nan
                 )  # under either law, a failed device ends the episode
         if self._task.samples_air:
-            self._task.add_steps(self._single_mask, np.reshape(acts, (1, -1, self.model.na)))
-        step = self._task.evaluate(action, command, self._read_states(), self._single_mask, [self.np_random])
+            self._task.add_steps(SINGLE_MASK, np.reshape(acts, (1, -1, self.model.na)))
+        step = self._task.evaluate(action, command, self._read_states(), SINGLE_MASK, [self.np_random])
         reward, terminated, truncated = float(step.reward[0]), bool(step.terminated[0]), bool(step.truncated[0])
         return self._task.observations[0], reward, terminated, truncated, step.get_first_info()
 
@@ -244,7 +229,7 @@ class AnkleGaitEnv(DeviceEnv):
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            self._renderer = SceneRenderer(self.model, *self._image_size)
+            self._renderer = SceneRenderer(self.model, *self._pictures.prepare(self.model))
         camera = mujoco.MjvCamera()
         camera.lookat[:] = (self.data.qpos[0], 0.0, 0.55)
         camera.distance, camera.azimuth, camera.elevation = 1.9, 90.0, -5.0

@@ -16,6 +16,10 @@ ENVIRONMENTS = {
         "entry_point": "klute_sim.envs.ankle_gait:AnkleGaitEnv",
         "vector_entry_point": "klute_sim.envs.ankle_gait_vector:AnkleGaitVectorEnv",
     },
+    "klute_sim/AnkleWalk-v0": {
+        "entry_point": "klute_sim.envs.ankle_walk:AnkleWalkEnv",
+        "vector_entry_point": "klute_sim.envs.ankle_walk_vector:AnkleWalkVectorEnv",
+    },
     "klute_sim/AnkleBench-v0": {
         "entry_point": "klute_sim.envs.ankle_bench:AnkleBenchEnv",
         "vector_entry_point": "klute_sim.envs.ankle_bench_vector:AnkleBenchVectorEnv",

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from klute_sim.envs.base.batch_vector import BatchVectorEnv
-from klute_sim.envs.base.single import DeviceEnv, Observation, Step
+from klute_sim.envs.base.single import SINGLE_MASK, DeviceEnv, Observation, Step
 from klute_sim.envs.base.task import (
     CONTROL_INTERVAL,
     BatchStep,
@@ -20,8 +20,6 @@ from klute_sim.envs.base.vector import Observations, VectorOptions
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import callbacks
 from klute_sim.types import Array, Mask
-
-SINGLE_MASK = np.ones(1, dtype=np.bool_)
 
 
 class ScheduledTaskEnv(DeviceEnv):

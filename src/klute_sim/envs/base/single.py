@@ -19,6 +19,8 @@ from klute_sim.envs.base.validation import validate_action, validate_reset_optio
 from klute_sim.types import Array
 
 Observation = NDArray[np.float32]
+SINGLE_MASK = np.ones(1, dtype=np.bool_)
+"""Mask of the only simulation of a task."""
 Step = tuple[Observation, float, bool, bool, dict[str, Any]]
 """Observation, reward, terminated, truncated and info."""
 
@@ -110,10 +112,13 @@ class DeviceEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
     def close(self) -> None:
         """Release all resources; the environment cannot be used afterwards. Closing again does nothing."""
         with self._thread_guard:
-            if self._renderer is not None:
-                self._renderer.close()
-                self._renderer = None
+            self._release_renderer()
             self._status = EpisodeStatus.CLOSED
+
+    def _release_renderer(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
 
     def _require_open(self) -> None:
         if self._status is EpisodeStatus.CLOSED:

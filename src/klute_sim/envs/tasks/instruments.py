@@ -29,10 +29,60 @@ N_MEASURED = 6
 """Number of leading observations that sensors measure; the others are computed."""
 LOAD_INDEX = 4
 """Index of the axial load among the observations."""
+_LOWER, _UPPER = (np.array([row[k] for row in OBSERVATIONS]) for k in (2, 3))
+NOISE_DEVIATION = np.array([row[4] for row in OBSERVATIONS[:N_MEASURED]])
+"""Typical standard deviations of the noise of the measured observations, in their units."""
+
+
+class NoisyMeasurements:
+    """Measurements of ``n_simulations`` simulations with noise and delay."""
+
+    def __init__(self, n_simulations: int, noise_deviation: Array, delay_intervals: int) -> None:
+        """Set up measurements with ``noise_deviation`` (number of measurements), in their units.
+
+        ``delay_intervals`` is the delay in whole intervals.
+        """
+        self._noise_deviation = noise_deviation
+        self._buffer = np.zeros((n_simulations, 1 + delay_intervals, len(noise_deviation)))
+
+    @property
+    def values(self) -> Array:
+        """Return the delayed measurements (n, number of measurements), as a view."""
+        return self._buffer[:, 0]
+
+    def reset(self, mask: Mask, measured: Array, rngs: Sequence[np.random.Generator]) -> None:
+        """Restart the simulations in ``mask`` from the ideal measurements ``measured``."""
+        self._buffer[mask] = self._add_noise(mask, measured, rngs)[mask, None]
+
+    def update(self, mask: Mask, measured: Array, rngs: Sequence[np.random.Generator]) -> None:
+        """Advance the simulations in ``mask`` by one interval to the ideal measurements ``measured``."""
+        noisy = self._add_noise(mask, measured, rngs)
+        self._buffer[mask, :-1] = self._buffer[mask, 1:]
+        self._buffer[mask, -1] = noisy[mask]
+
+    def _add_noise(self, mask: Mask, measured: Array, rngs: Sequence[np.random.Generator]) -> Array:
+        if not self._noise_deviation.any():
+            return measured
+        noisy = measured.copy()
+        for i in np.flatnonzero(mask).tolist():  # each simulation has its own generator
+            noisy[i] += self._noise_deviation * rngs[i].standard_normal(len(self._noise_deviation))
+        return noisy
+
+
+def build_observations(measured: Array, phase: Array) -> NDArray[np.float32]:
+    """Return the observations (n, 8), see :data:`OBSERVATIONS`, from ``measured`` (n, 6) and estimated ``phase`` (n,).
+
+    A value that is not finite, as in the last observation of an episode that failed, becomes finite.
+    """
+    phase_angle = 2.0 * np.pi * phase
+    observations = np.column_stack([measured, np.sin(phase_angle), np.cos(phase_angle)])
+    if not np.isfinite(observations.sum()):
+        observations = np.nan_to_num(observations)
+    return np.asarray(np.minimum(np.maximum(observations, _LOWER), _UPPER), dtype=np.float32)
 
 
 class Instruments:
-    """Instruments of ``n_simulations`` prostheses."""
+    """Instruments of ``n_simulations`` prostheses on the gait rig."""
 
     def __init__(
         self, gait_rig: GaitRig, n_simulations: int, interval: float, noise_scale: float, delay_intervals: int
@@ -41,37 +91,21 @@ class Instruments:
 
         ``noise_scale`` multiplies the typical noise; ``delay_intervals`` is the delay in whole intervals.
         """
-        self.sensors, self._noise_scale = ProsthesisSensors(gait_rig, n_simulations, interval), noise_scale
+        self.sensors = ProsthesisSensors(gait_rig, n_simulations, interval)
         """Ideal sensors, without noise and delay."""
-        self._lower, self._upper = (np.array([row[k] for row in OBSERVATIONS]) for k in (2, 3))
-        self._noise_deviation = np.array([row[4] for row in OBSERVATIONS[:N_MEASURED]])
-        self._measurement_buffer = np.zeros((n_simulations, 1 + delay_intervals, N_MEASURED))
+        self._measurements = NoisyMeasurements(n_simulations, noise_scale * NOISE_DEVIATION, delay_intervals)
 
     @property
     def observations(self) -> NDArray[np.float32]:
         """Return the observations, shape (n, 8); see :data:`OBSERVATIONS`."""
-        phase_angle = 2.0 * np.pi * self.sensors.estimate_phase()
-        observations = np.column_stack([self._measurement_buffer[:, 0], np.sin(phase_angle), np.cos(phase_angle)])
-        if not np.isfinite(observations.sum()):  # the last observation of an episode that failed
-            observations = np.nan_to_num(observations)
-        return np.asarray(np.clip(observations, self._lower, self._upper), dtype=np.float32)
+        return build_observations(self._measurements.values, self.sensors.estimate_phase())
 
     def reset(self, mask: Mask, measured: Array, rngs: Sequence[np.random.Generator]) -> None:
         """Restart the instruments in ``mask`` from the measurements ``measured`` (n, 6)."""
-        self._measurement_buffer[mask] = self._add_noise(mask, measured, rngs)[mask, None]
+        self._measurements.reset(mask, measured, rngs)
         self.sensors.reset(mask)
 
     def update(self, mask: Mask, measured: Array, rngs: Sequence[np.random.Generator]) -> None:
         """Advance the instruments in ``mask`` by one interval to the ideal measurements ``measured`` (n, 6)."""
-        noisy = self._add_noise(mask, measured, rngs)
-        self._measurement_buffer[mask, :-1] = self._measurement_buffer[mask, 1:]
-        self._measurement_buffer[mask, -1] = noisy[mask]
-        self.sensors.update_phase(self._measurement_buffer[:, 0, LOAD_INDEX], mask)
-
-    def _add_noise(self, mask: Mask, measured: Array, rngs: Sequence[np.random.Generator]) -> Array:
-        if self._noise_scale == 0.0:
-            return measured
-        noisy = measured.copy()
-        for i in np.flatnonzero(mask).tolist():  # each simulation has its own generator
-            noisy[i] += self._noise_scale * self._noise_deviation * rngs[i].standard_normal(N_MEASURED)
-        return noisy
+        self._measurements.update(mask, measured, rngs)
+        self.sensors.update_phase(self._measurements.values[:, LOAD_INDEX], mask)

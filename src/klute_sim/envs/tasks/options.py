@@ -47,18 +47,21 @@ class TaskOptions:
         """Raise InputError when an option is outside its range."""
         if self.action is not None and self.action not in ACTION_KINDS:
             raise InputError(f"action is '{self.action}'; allowed: {', '.join(ACTION_KINDS)}")
-        if not 0.0 < self.residual_bar <= MAX_RESIDUAL_BAR:
-            raise InputError(f"residual_bar is {self.residual_bar:g}; allowed: above 0, up to {MAX_RESIDUAL_BAR:g} bar")
-        if not 0.0 <= self.sensor_noise <= MAX_NOISE_SCALE:
-            raise InputError(f"sensor_noise is {self.sensor_noise:g}; allowed: 0 to {MAX_NOISE_SCALE:g}")
-        if self.sensor_delay not in range(MAX_DELAY_INTERVALS + 1):
-            raise InputError(
-                f"sensor_delay is {self.sensor_delay}; allowed: 0 to {MAX_DELAY_INTERVALS} whole intervals"
-            )
+        check_action_limits(self.residual_bar, self.sensor_noise, self.sensor_delay)
         if not 0.0 <= self.reset_noise <= MAX_RESET_NOISE:
             raise InputError(f"reset_noise is {self.reset_noise:g}; allowed: 0 to {MAX_RESET_NOISE:g} rad")
         reward.resolve_weights(self.reward)
         object.__setattr__(self, "domain_randomization", RandomizationRanges.from_mapping(self.domain_randomization))
+
+
+def check_action_limits(residual_bar: float, sensor_noise: float, sensor_delay: int) -> None:
+    """Raise InputError when the largest change of a base controller, the noise or the delay is out of range."""
+    if not 0.0 < residual_bar <= MAX_RESIDUAL_BAR:
+        raise InputError(f"residual_bar is {residual_bar:g}; allowed: above 0, up to {MAX_RESIDUAL_BAR:g} bar")
+    if not 0.0 <= sensor_noise <= MAX_NOISE_SCALE:
+        raise InputError(f"sensor_noise is {sensor_noise:g}; allowed: 0 to {MAX_NOISE_SCALE:g}")
+    if sensor_delay not in range(MAX_DELAY_INTERVALS + 1):
+        raise InputError(f"sensor_delay is {sensor_delay}; allowed: 0 to {MAX_DELAY_INTERVALS} whole intervals")
 
 
 def resolve_gait_options(

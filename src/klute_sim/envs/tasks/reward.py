@@ -38,14 +38,14 @@ MAX_LOAD_ERROR_BW, MAX_EXCESS_BRAKING_BW = 1.0, 0.2
 """Errors of load and braking [body weights] beyond which their cost grows no more (assumed)."""
 
 
-def resolve_weights(overrides: Mapping[str, float] | None) -> Array:
-    """Return :data:`DEFAULT_WEIGHTS` with ``overrides``; raises InputError when a term is unknown or not finite."""
+def resolve_weights(overrides: Mapping[str, float] | None, defaults: Mapping[str, float] = DEFAULT_WEIGHTS) -> Array:
+    """Return ``defaults`` with ``overrides``; raises InputError when a term is unknown or not finite."""
     for name, value in (overrides or {}).items():
-        if name not in DEFAULT_WEIGHTS:
-            raise InputError(f"reward has no term '{name}'; allowed: {', '.join(DEFAULT_WEIGHTS)}")
+        if name not in defaults:
+            raise InputError(f"reward has no term '{name}'; allowed: {', '.join(defaults)}")
         if not math.isfinite(value):
             raise InputError(f"the reward weight of {name} is {value:g}; allowed: a finite number")
-    return np.array([float(value) for value in {**DEFAULT_WEIGHTS, **(overrides or {})}.values()])
+    return np.array([float(value) for value in {**defaults, **(overrides or {})}.values()])
 
 
 def compute_terms(

@@ -20,8 +20,6 @@ MAX_DT = 1e-3
 """Longest time step [s]."""
 BLOCK_LENGTH = 0.5
 """Length of the blocks of uneven ground [m]."""
-GROUND_LENGTH = 100.0
-"""Length of uneven ground [m]."""
 MAX_SLOPE_DEG, MAX_UNEVENNESS = 10.0, 0.05
 """Largest slope [deg] and largest height of blocks [m]."""
 RIGHT_ANKLE_JOINT = PROSTHESIS_PREFIX + "ankle"
@@ -42,6 +40,8 @@ class Ground:
     """Distance from the start at which the blocks begin [m]."""
     seed: int = 0
     """Random seed of the heights."""
+    length: float = 100.0
+    """Length of the part with blocks [m]."""
 
     def __post_init__(self) -> None:
         """Raise InputError when a number is out of range."""
@@ -104,7 +104,7 @@ def get_contact(model: mujoco.MjModel) -> dict[str, list[float]]:
 
 def _add_blocks(spec: mujoco.MjSpec, ground: Ground) -> None:
     rng = np.random.default_rng(ground.seed)
-    for k in range(round(GROUND_LENGTH / BLOCK_LENGTH)):
+    for k in range(round(ground.length / BLOCK_LENGTH)):
         height = float(rng.uniform(0.0, ground.unevenness))
         block = spec.worldbody.add_geom(spec.find_default("ground"), name=f"block_{k}", type=mujoco.mjtGeom.mjGEOM_BOX)
         block.size = np.array([0.5 * BLOCK_LENGTH, 1.0, 0.1])

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from klute_sim.types import Array
 from klute_sim.walker.reflexes.laws import ReflexGains
 
@@ -103,3 +105,17 @@ class Reflexes:
     def get_initial(self) -> Mapping[str, float]:
         """Return the initial state by name."""
         return dict(zip((number.name for number in INITIAL_STATE), self.initial.tolist(), strict=True))
+
+    def perturb(self, fraction: float, rng: np.random.Generator) -> "Reflexes":
+        """Return reflexes whose gains are 1 + ``fraction`` x times as large, x standard normal, within their bounds.
+
+        The initial state stays. A ``fraction`` of 0 changes nothing and draws no number.
+        """
+        if fraction == 0.0:
+            return self
+        low, high = (np.array([getattr(number, name) for number in GAINS]) for name in ("low", "high"))
+        left, right = (
+            np.clip(row * (1.0 + fraction * rng.standard_normal(len(GAINS))), low, high)
+            for row in (self.left, self.right)
+        )
+        return Reflexes(left, right, self.initial)

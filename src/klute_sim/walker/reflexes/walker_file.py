@@ -57,6 +57,13 @@ class Walker:
         rows = (self.reflexes.left, self.reflexes.right, self.reflexes.initial)
         return hashlib.sha256(b"".join(np.ascontiguousarray(row).tobytes() for row in rows)).hexdigest()
 
+    def check_legs(self, *, is_intact: bool) -> None:
+        """Raise InputError unless the walker has two legs of flesh where ``is_intact``, and a prosthesis otherwise."""
+        if self.is_intact != is_intact:
+            kinds = ("two legs of flesh", "a prosthesis on the right leg")
+            own, wanted = kinds if self.is_intact else kinds[::-1]
+            raise InputError(f"walker {self.name} walks with {own}, not with {wanted}; choose another walker")
+
     def check_fits(self, body: Body, contact: Contact) -> None:
         """Raise InputError when the walker belongs to another body or another contact, in which it would fall."""
         if self.body_digest != body.digest:
@@ -123,10 +130,11 @@ def load_walker(name_or_path: str | Path) -> Walker:
     return parse_walker(read_bytes(path, WALKER), path.stem)
 
 
-def select_walker(condition: Mapping[str, Any]) -> Walker:
-    """Return the shipped walker that has adapted to ``condition``, or the one that is nearest to it.
+def select_walkers(condition: Mapping[str, Any]) -> list[Walker]:
+    """Return the shipped walkers that have adapted to ``condition``, or those that are nearest to it.
 
-    A walker with the same kind of prosthesis is nearer than any other, and an intact one never replaces an amputee.
+    A walker with the same kind of prosthesis and controller is nearer than one with the same kind of prosthesis, and
+    that one is nearer than any other. An intact one never replaces an amputee.
 
     Raises InputError when no walker has legs of this kind.
     """
@@ -138,9 +146,17 @@ def select_walker(condition: Mapping[str, Any]) -> Walker:
     def measure_distance(walker: Walker) -> int:
         if dict(walker.condition) == dict(condition):
             return 0
-        return 1 if walker.condition.get("prosthesis") == condition["prosthesis"] else 2
+        if walker.condition.get("prosthesis") != condition["prosthesis"]:
+            return 3
+        return 1 if walker.condition.get("controller") == condition.get("controller") else 2
 
-    return min(usable, key=measure_distance)
+    distances = [measure_distance(walker) for walker in usable]
+    return [walker for walker, distance in zip(usable, distances, strict=True) if distance == min(distances)]
+
+
+def select_walker(condition: Mapping[str, Any]) -> Walker:
+    """Return the first of :func:`select_walkers`."""
+    return select_walkers(condition)[0]
 
 
 def parse_walker(content: bytes, name: str) -> Walker:

@@ -1,7 +1,6 @@
 """Pressure commands to the prosthesis of a walker, from the sensors of the prosthesis alone."""
 
 import copy
-from typing import Any
 
 import numpy as np
 
@@ -35,11 +34,14 @@ class DeviceCommands:
 
         Raises InputError when the interval of the controller is not a multiple of the time step.
         """
-        self._simulator, self._controller = simulator, copy.deepcopy(controller)
+        self._simulator = simulator
+        self.controller = copy.deepcopy(controller)
+        """Controller of this simulation alone; None: there is no device."""
         dt = simulator.settings.dt
         interval = COMMAND_INTERVAL
-        if controller is not None and not isinstance(controller, PressureController):
-            interval = controller.interval
+        self._feedback = None if isinstance(self.controller, PressureController) else self.controller
+        if self._feedback is not None:
+            interval = self._feedback.interval
         self.steps_per_command = round(interval / dt)
         if self.steps_per_command < 1 or abs(self.steps_per_command * dt - interval) > 1e-9:
             raise InputError(
@@ -48,16 +50,17 @@ class DeviceCommands:
             )
         self._delay: DelayLine | None = None
         actuator = simulator.actuator
+        if actuator is not None:
+            self._ankle = int(simulator.model.joint(PROSTHESIS_PREFIX + "ankle").qposadr[0])
         if controller is None or actuator is None:
-            self._controller = None
+            self.controller = self._feedback = None
             return
-        self._ankle = int(simulator.model.joint(PROSTHESIS_PREFIX + "ankle").qposadr[0])
         self.pressures: Array = np.zeros(n_steps + self.steps_per_command)
         dead_time = get_dead_time(actuator.parameters)
         if dead_time > 0.0:
             self._delay = DelayLine(self.pressures, dead_time, dt)
-        if not isinstance(self._controller, PressureController) and self._controller is not None:
-            self._controller.reset()
+        if self._feedback is not None:
+            self._feedback.reset()
 
     @property
     def steps_per_update(self) -> int:
@@ -66,29 +69,25 @@ class DeviceCommands:
 
     def update(self, index: int) -> None:
         """Command the device at time step ``index``."""
-        if self._controller is None or self._simulator.actuator is None:
+        if self.controller is None or self._simulator.actuator is None:
             return
         if index % self.steps_per_command == 0:
             self.pressures[index : index + self.steps_per_command] = self._compute_pressure()
         pressure = self.pressures[index] if self._delay is None else self._delay.sample(index)
         self._simulator.actuator.set_command(self._simulator.data, float(pressure))
 
-    def get_state(self) -> Any:
-        """Return a copy of the controller, which holds its state."""
-        return copy.deepcopy(self._controller)
-
     def _compute_pressure(self) -> float:
-        if isinstance(self._controller, PressureController):
-            return self._controller.pressure_at(self._estimate_phase())
-        assert self._controller is not None
-        return self._controller.command(self._read_sensors())
+        if self._feedback is not None:
+            return self._feedback.command(self.read_sensors())
+        assert isinstance(self.controller, PressureController)
+        return self.controller.pressure_at(self._estimate_phase())
 
     def _estimate_phase(self) -> float:
         state = self._simulator.state
         return min(float(state[layout.PHASE_TIME] / state[layout.STRIDE_TIME]), 1.0)
 
-    def _read_sensors(self) -> SensorReadings:
-        """Return the readings; inclinations are relative to gravity, as for an inertial sensor."""
+    def read_sensors(self) -> SensorReadings:
+        """Return the readings of the prosthesis; inclinations are relative to gravity, as for an inertial sensor."""
         simulator = self._simulator
         qpos, qvel = simulator.data.qpos.tolist(), simulator.data.qvel.tolist()
         assert simulator.actuator is not None

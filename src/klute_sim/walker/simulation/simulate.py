@@ -83,10 +83,7 @@ def simulate_walk(
     Raises InputError when the walker belongs to another body or contact, or to the other kind of legs.
     """
     options = options or WalkOptions()
-    if walker.is_intact != (prosthesis is None):
-        kinds = ("two legs of flesh", "a prosthesis on the right leg")
-        own, wanted = kinds if walker.is_intact else kinds[::-1]
-        raise InputError(f"walker {walker.name} walks with {own}, not with {wanted}; choose another walker")
+    walker.check_legs(is_intact=prosthesis is None)
     if prosthesis is not None and prosthesis.spring_foot is None:
         check_accepts_pressure(prosthesis.device, "the controller")
     body = load_body()

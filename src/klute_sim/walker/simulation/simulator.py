@@ -1,7 +1,7 @@
 """A walker in simulation: reset it, take steps, and save or restore its whole state."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -51,7 +51,7 @@ class WalkSimulator:
         self.settings = _build_settings(model, body, slope, self.is_prosthetic)
         self.state = np.zeros(layout.compute_state_size(self.settings.depth))
         self.muscle_rows = body.muscle_rows
-        self._functions = backends.get_step_functions(backend)
+        self._backend, self._functions = backend, backends.get_step_functions(backend)
         self._no_record = np.empty((0, self.record_width))
         self._sole_geoms = [g for g in range(model.ngeom) if model.geom_contype[g] == 1]
 
@@ -137,6 +137,15 @@ class WalkSimulator:
             n_steps,
             self._no_record if record is None else record,
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the whole state without the functions of the backend, which belong to one process."""
+        return {name: value for name, value in self.__dict__.items() if name != "_functions"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the state of :meth:`__getstate__`."""
+        self.__dict__.update(state)
+        self._functions = backends.get_step_functions(self._backend)
 
     def save(self) -> Snapshot:
         """Return a copy of the whole state."""
