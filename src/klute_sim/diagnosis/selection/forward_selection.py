@@ -236,22 +236,29 @@ class ForwardSelection:
         direction[:n_known] = 0.0
         prediction = candidate.size * direction
         prediction[:n_known] = candidate.nuisance_shift
-        start, chi2 = self._best_start(hypothesis, [neutral + fraction * prediction for fraction in START_FRACTIONS])
+        starts = [neutral + fraction * prediction for fraction in START_FRACTIONS]
+        start, chi2 = self._best_start(current, hypothesis, starts)
         if current.chi2 - chi2 > MIN_START_GAIN_FRACTION * candidate.predicted_gain:
             return start
         neutral[:n_known] = current.x
         direction *= np.sign(candidate.size)
-        other_start, other_chi2 = self._best_start(hypothesis, [neutral + size * direction for size in START_SIZES])
+        sizes = [neutral + size * direction for size in START_SIZES]
+        other_start, other_chi2 = self._best_start(current, hypothesis, sizes)
         return other_start if other_chi2 < chi2 else start
 
-    def _best_start(self, hypothesis: Hypothesis, starts: Sequence[Array]) -> tuple[Array, float]:
-        """Return the best of ``starts``, clipped to the bounds, and its chi squared, from coarse simulations."""
+    def _best_start(self, current: Fit, hypothesis: Hypothesis, starts: Sequence[Array]) -> tuple[Array, float]:
+        """Return the best of ``starts``, clipped to the bounds, and its chi squared.
+
+        Coarse simulations predict how the residuals of ``current`` change.
+        """
         clipped = [np.clip(start, *hypothesis.bounds()) for start in starts]
-        n_device = hypothesis.n_device_parameters
+        n_device, experiments = hypothesis.n_device_parameters, self.data.experiments
+        before = current.hypothesis.build_setups(current.x, experiments)
+        after = [hypothesis.build_setups(x, experiments) for x in clipped]
+        residual = self.data.weight_residuals(current.residuals)
         costs = []
-        all_residuals = self.data.compute_residuals(hypothesis, clipped, coarse=True, may_diverge=True)
-        for x, residuals in zip(clipped, all_residuals, strict=True):
-            vector = self.data.weight_residuals(residuals)
+        for x, changes in zip(clipped, self.data.compute_changes(before, after, coarse=True), strict=True):
+            vector = residual + self.data.weight_residuals(changes)
             costs.append(float(vector @ vector + x[:n_device] @ x[:n_device]))
         best = int(np.argmin(costs))
         return clipped[best], costs[best]
