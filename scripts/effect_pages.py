@@ -61,6 +61,10 @@ SIMULATION_SOURCES = (
 """Files whose code determines the simulated results."""
 
 
+UNDRAWN_KINDS = ("body", "mechanism")
+"""Kinds of effects that no protocol of the bench shows."""
+
+
 def compute_digest() -> str:
     """Return the digest of :data:`SIMULATION_SOURCES` and of the device parameters, without comments and docstrings."""
     source = Path(klute_sim.__file__).parent
@@ -86,7 +90,7 @@ def _serialise_code(node: Any) -> str:
 def simulate_effects(folder: Path, progress: ProgressCallback) -> dict[str, Any]:
     """Simulate all effects, write figures and matrices into ``folder``, and return the content of :data:`DATA_FILE`."""
     device, simulator = load_device(words.SIGNATURE_DEVICE), Simulator()
-    effects = [effect for effect in catalogue.get_effects().values() if effect.kind != "body"]
+    effects = [effect for effect in catalogue.get_effects().values() if effect.kind not in UNDRAWN_KINDS]
     replacing_effects = [effect for effect in effects if effect.replaces_switch]
     total = 1.0 + len(replacing_effects) + len(effects) / EFFECTS_DRAWN_PER_ANALYSIS
 
@@ -154,7 +158,7 @@ def _render_page(effect: Effect, data: dict[str, Any]) -> str:
         )
         if form["device_file"]:
             text += f"\nIn a [device file](../devices.md):\n\n```toml\n{form['device_file']}\n```\n"
-        if effect.kind == "body":
+        if effect.kind in UNDRAWN_KINDS:
             continue
         figure = effects_figures.format_file_name(effect.name, form["name"])
         quantity = " of the force" if effect.kind == "instrument" else ""
@@ -177,6 +181,8 @@ def _render_confusions(effect: Effect, data: dict[str, Any]) -> str:
         return "It combines functions and can resemble many effects, so it is compared with none.\n"
     if effect.kind == "body":
         return "It shows only in gait: no standard protocol of the bench compares it with others.\n"
+    if effect.kind == "mechanism":
+        return "It shows on a mechanism only: no standard protocol of the bench compares it with others.\n"
     kind = "channel" if effect.kind == "instrument" else "form"
     lines: list[tuple[str, ...]] = []
     for row in data["effects"]:

@@ -23,6 +23,7 @@ KEY_UNITS: dict[str, tuple[str, float]] = {
     "_l": ("l", 1e-3),
     "_per_l": ("1/l", 1e3),
     "_kg_m3": ("kg/m³", 1.0),
+    "_kg_cm2": ("kg·cm²", 1e-4),
     "_per_m": ("1/m", 1.0),
     "_m": ("m", 1.0),
     "_n": ("N", 1.0),

@@ -1,6 +1,6 @@
 """Small synthetic datasets of the antagonist joint with known parameters, simulated with the package's own devices."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import Device, load_device
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.mechanism.simulate import simulate_mechanism
+from klute_sim.plant.mjcf.model_effects import ModelEffect
 from klute_sim.plant.mjcf.model_file import load_model_file
 
 INTERVAL, STEP = 0.01, 1e-4
@@ -39,6 +40,7 @@ def write_dataset(
     *,
     truth: Mapping[str, Device] | None = None,
     true_numbers: Mapping[str, float] | None = None,
+    effects: Sequence[ModelEffect] = (),
     uncertain: Mapping[str, str | float] | None = None,
     measured: tuple[str, ...] = ("angle_joint",),
     groups: tuple[str, ...] = ("fit_1", "fit_2", "validation_1", "test_1"),
@@ -47,7 +49,7 @@ def write_dataset(
     extra: str = "",
     seed: int = 0,
 ) -> Path:
-    """Write a dataset of the joint to ``folder``, with ``truth`` (tendon -> device) and ``true_numbers``."""
+    """Write a dataset of the joint with ``truth`` (tendon -> device), ``true_numbers`` and ``effects``."""
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
     nominal = load_device("klute-3-4-pair")
@@ -67,7 +69,8 @@ def write_dataset(
         time = np.arange(len(commands[INPUTS[0]])) * INTERVAL
         fine_time = np.arange(round(time[-1] / STEP) + 1) * STEP
         inputs = {name: np.interp(fine_time, time, values) for name, values in commands.items()}
-        rollout = simulate_mechanism(mechanism, devices, inputs, STEP, numbers={**NUMBERS, **(true_numbers or {})})
+        numbers = {**NUMBERS, **(true_numbers or {})}
+        rollout = simulate_mechanism(mechanism, devices, inputs, STEP, numbers=numbers, effects=effects)
         for repeat in range(repeats):
             columns = {"time [s]": time} | {f"{name} [bar]": values / 1e5 for name, values in commands.items()}
             for name in measured:

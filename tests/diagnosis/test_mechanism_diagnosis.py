@@ -24,10 +24,12 @@ from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothes
 from klute_sim.diagnosis.fitting.number_error import list_model_error_candidates
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.screening import list_candidate_terms
 from klute_sim.diagnosis.workflow import fit_base_device
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.mechanism.simulate import simulate_mechanism
+from klute_sim.plant.mjcf.model_effects import ModelEffect, read_joint
 from klute_sim.plant.mjcf.model_file import load_model_file
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers
 from klute_sim.report.diagnosis.text import format_term
@@ -201,6 +203,51 @@ def test_numbers_of_the_model_are_candidates_for_errors(tmp_path: Path) -> None:
     assert setup.devices == SimulationSetup(PAIR.parameters, devices=(PAIR.parameters,) * 2).devices
     assert format_term(hypothesis.terms[0]) == "damping of the joint 'joint'"
     assert format_term(EffectTerm("leak", "orifice", tendon="flexor")) == "leak of flexor"
+
+
+def test_effects_of_the_mechanism_are_candidates_on_its_parts(tmp_path: Path) -> None:
+    dataset = load_dataset(joint.write_dataset(tmp_path, **SHORT))
+    experiments = prepare_experiments(dataset, split_dataset(dataset))
+    noise = estimate_noise_from_residuals(
+        experiments, [{"angle_joint": e.measured["angle_joint"].value} for e in experiments]
+    )
+    terms = list_candidate_terms(WeightedData(Simulator(1), experiments, noise), dataset)
+    names = [str(term) for term in terms if term.effect_definition.kind == "mechanism"]
+    assert names == [
+        "joint_friction (coulomb) of joint",
+        "joint_friction (stribeck) of joint",  # no viscous form: the damping of the joint is a number of the model
+        "joint_friction (presliding) of joint",
+        "joint_inertia of joint",
+        "pulley_error of pulley",
+        "gravity_tilt (about_y)",
+        "gravity_tilt (about_x)",
+        "sensor_backlash of angle_joint",
+    ]
+    hypothesis = Hypothesis(dataset.device, (), (("angle_joint", 1e-3),))
+    hypothesis = hypothesis.with_term(EffectTerm("joint_friction", "coulomb", part="joint"))
+    hypothesis = hypothesis.with_term(EffectTerm("sensor_backlash", "play", "angle_joint"))
+    (setup,) = hypothesis.build_setups(np.array([0.5, 1.0]), experiments)
+    assert setup.model_effects == (ModelEffect("joint_friction", "coulomb", (("moment_n_m", 0.05),), "joint"),)
+    assert setup.sensors[0].parameters == (pytest.approx(4e-3),)  # four times the noise
+    assert format_term(hypothesis.terms[0]) == "joint friction (Coulomb) of joint"
+
+
+@pytest.mark.slow
+def test_friction_of_the_joint_is_named_and_the_model_has_it(tmp_path: Path) -> None:
+    truth = ModelEffect("joint_friction", "presliding", (("moment_n_m", 0.15), ("presliding_deg", 2.0)), "joint")
+    folder = joint.write_dataset(tmp_path / "data", effects=[truth], true_numbers=TRUE_NUMBERS, uncertain=UNCERTAIN)
+    result = diagnose(
+        folder, only=["joint_friction", "gravity_tilt", "pulley_error", "sensor_backlash", "seal_friction"]
+    )
+    assert result.verdict == "identified"
+    (effect,) = result.effects
+    assert (effect.name, effect.form) == ("joint_friction", "presliding")
+    assert effect.parameters["moment_n_m"].value == pytest.approx(0.15, rel=0.1)
+    assert "The simulated mechanism lacks joint friction (presliding) of joint." in str(result)
+    output = result.save(tmp_path / "out", report=False)
+    assert json.loads((output / "verdict.json").read_text())["effects"][0]["part"] == "joint"
+    spec = load_model_file(output / "model.xml").make_spec()
+    assert read_joint(spec, spec.joint("joint")).bristle.sliding_moment == pytest.approx(0.15, rel=0.1)
 
 
 @pytest.mark.slow

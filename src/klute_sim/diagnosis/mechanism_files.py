@@ -3,6 +3,7 @@
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.plant.callbacks import compile_model
+from klute_sim.plant.mjcf.model_effects import apply_model_effects
 from klute_sim.plant.mjcf.model_numbers import set_model_numbers
 
 MODEL_FILE_NAME = "model.xml"
@@ -25,5 +26,7 @@ def build_mechanism_files(diagnosis: Diagnosis) -> dict[str, bytes]:
     }
     spec = mechanism.file.make_spec()
     set_model_numbers(spec, {**mechanism.numbers, **fit.hypothesis.collect_model_numbers(fit.values)})
+    (setup,) = fit.hypothesis.build_setups(fit.x, diagnosis.experiments[:1])
+    apply_model_effects(spec, setup.model_effects)
     compile_model(spec)  # MuJoCo writes compiled models only
     return {**files, MODEL_FILE_NAME: spec.to_xml().encode()}

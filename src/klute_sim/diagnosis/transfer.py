@@ -112,7 +112,7 @@ def _detach_setup(fit: Fit, dataset: Dataset) -> tuple[Hypothesis, Array]:
             )
     if hypothesis.mechanism_numbers:
         hypothesis = _declare_mechanism_numbers(hypothesis, dataset)
-    retained = [term.effect_definition.kind != "instrument" for term in hypothesis.terms]
+    retained = [term.channel is None for term in hypothesis.terms]
     terms = tuple(term for term, keep in zip(hypothesis.terms, retained, strict=True) if keep)
     n_numbers = len(hypothesis.uncertainties)
     is_kept = [

@@ -151,6 +151,8 @@ def _list_effect_entries(diagnosis: Diagnosis, final_fit: Fit) -> list[dict[str,
         }
         if term.tendon is not None:
             entry["tendon"] = term.tendon
+        if term.part is not None:
+            entry["part"] = term.part
         if term.effect_definition.data_driven:
             entry |= {"data_driven": True, "formula": format_formula(final_fit)}
         elif diagnosis.verdict in ("unexplained", "insufficient-data"):

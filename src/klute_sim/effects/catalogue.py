@@ -30,7 +30,18 @@ from typing import Any, Literal, TypeVar
 
 from klute_sim.effects import chain
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
-from klute_sim.effects.families import air, body, damper, discrepancy_terms, hose, instrument, seal, supply, tendon
+from klute_sim.effects.families import (
+    air,
+    body,
+    damper,
+    discrepancy_terms,
+    hose,
+    instrument,
+    joint,
+    seal,
+    supply,
+    tendon,
+)
 from klute_sim.effects.families.muscle import (
     bladder_relaxation,
     bladder_wall,
@@ -96,6 +107,12 @@ BUILT_IN_EFFECTS = (
     body.FOOT_STIFFNESS,
     body.FOOT_HYSTERESIS,
     body.SOCKET_PISTONING,
+    joint.JOINT_FRICTION,
+    joint.GUIDE_FRICTION,
+    joint.JOINT_INERTIA,
+    joint.PULLEY_ERROR,
+    joint.GRAVITY_TILT,
+    joint.SENSOR_BACKLASH,
     instrument.SENSOR_GAIN,
     instrument.SENSOR_OFFSET,
     instrument.SENSOR_DRIFT,
@@ -131,7 +148,8 @@ def effect(
     hook: str,
     parameters: tuple[EffectParameter, ...],
     form: str = "default",
-    kind: Literal["device", "body", "instrument"] = "device",
+    kind: Literal["device", "body", "instrument", "mechanism"] = "device",
+    part: Literal["", "hinge joint", "slide joint", "pulley", "rig", "position channel"] = "",
     states: tuple[str, ...] = (),
     next_state: Callable[..., Any] | None = None,
     acts_in_supply: bool = False,
@@ -148,7 +166,14 @@ def effect(
             laws["next_state"] = next_state
         effect_form = EffectForm(name=form, equation=equation, parameters=parameters, laws=laws, states=states)
         register_effect(
-            Effect(name=name, description=description, kind=kind, forms=(effect_form,), acts_in_supply=acts_in_supply)
+            Effect(
+                name=name,
+                description=description,
+                kind=kind,
+                forms=(effect_form,),
+                part=part,
+                acts_in_supply=acts_in_supply,
+            )
         )
         return law
 

@@ -21,6 +21,9 @@ pressure_reached    p, state, target, pressure, dt                              
 next_state          p, state, muscle, pressure, length, stretch, dt              internal state after the step
 reading             p, time, value (arrays)                                      reading of the instrument
 foot                p, foot                                                      parameters of the foot
+joint               p, joint                                                     parameters of the joint
+pulley              p, radius                                                    radius of the pulley [m]
+gravity             p, gravity (three numbers)                                   gravity [m/s2]
 ==================  ===========================================================  ==================================
 
 ``p`` holds the form's parameters in SI units, named as in their keys without the unit: ``stiffness_n_per_mm`` is
@@ -55,9 +58,12 @@ HOOKS = (
     "next_state",
     "reading",
     "foot",
+    "joint",
+    "pulley",
+    "gravity",
 )
 """Names of all hooks."""
-SEPARATE_HOOKS = ("next_state", "reading", "foot")
+SEPARATE_HOOKS = ("next_state", "reading", "foot", "joint", "pulley", "gravity")
 """Hooks whose laws do not change a value of the device step."""
 
 
@@ -104,6 +110,8 @@ class EffectForm:
     """Names of the internal states, which the law at ``next_state`` advances."""
     candidate_section: str = ""
     """Section of a device file without which a diagnosis does not propose this form, because it has no cause there."""
+    replaces_number: str = ""
+    """Number of a joint that describes the same; a diagnosis proposes this form where the model has 0 there."""
 
     @property
     def n_states(self) -> int:
@@ -141,11 +149,13 @@ class Effect:
     """Name in device files."""
     description: str
     """One sentence on the effect's cause and consequence."""
-    kind: Literal["device", "body", "instrument", "number", "model number"]
-    """Part of the experiment that has the effect. The catalogue has no 'number' (a wrong number of the device file) and
-    no 'model number' (one of the model of a mechanism)."""
+    kind: Literal["device", "body", "instrument", "mechanism", "number", "model number"]
+    """What has the effect. The catalogue has no 'number' (a wrong number of the device file) and no 'model number' (one
+    of the model of a mechanism)."""
     forms: tuple[EffectForm, ...]
     """Functional forms; the default one first."""
+    part: Literal["", "hinge joint", "slide joint", "pulley", "rig", "position channel"] = ""
+    """Kind of the part of a mechanism that has the effect; empty for effects of other kinds."""
     replaces_switch: str = ""
     """Key of ``[muscle]`` in the device file that must be off, because it switches on the same physics."""
     acts_in_supply: bool = False

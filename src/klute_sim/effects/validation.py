@@ -10,6 +10,7 @@ from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
 from klute_sim.laws.damper import DamperParameters
 from klute_sim.laws.foot import Foot
+from klute_sim.laws.joint import NO_BRISTLE, Joint
 from klute_sim.laws.pneumatics import SupplyParameters
 
 
@@ -19,6 +20,8 @@ def check_effect(effect: Any, known_names: set[str]) -> None:
         raise InputError(f"cannot register {effect!r}; allowed: klute_sim.Effect")
     if effect.name in known_names:
         raise InputError(f"cannot register effect '{effect.name}': an effect of that name exists; choose another name")
+    if (effect.kind == "mechanism") != bool(effect.part):
+        raise InputError(f"effect '{effect.name}': kind = 'mechanism' needs a part, and other kinds have none")
     for form in effect.forms:
         location = f"effect '{effect.name}', form '{form.name}'"
         for hook in form.laws:
@@ -53,6 +56,9 @@ def _check_law(law: Callable[..., Any], hook: str, form: EffectForm, location: s
         "next_state": (p, state, muscle, pressure, length, stretch, dt),
         "reading": (p, series, series),
         "foot": (p, foot),
+        "joint": (p, Joint(0.1, 0.1, 0.0, NO_BRISTLE)),
+        "pulley": (p, 0.03),
+        "gravity": (p, (0.0, 0.0, -9.81)),
     }
     try:
         result = law(*arguments[hook])
@@ -67,6 +73,10 @@ def _check_law(law: Callable[..., Any], hook: str, form: EffectForm, location: s
         is_valid, expected = isinstance(result, DamperParameters), "a klute_sim.laws.damper.DamperParameters"
     elif hook == "foot":
         is_valid, expected = isinstance(result, Foot), "a klute_sim.laws.foot.Foot"
+    elif hook == "joint":
+        is_valid, expected = isinstance(result, Joint), "a klute_sim.laws.joint.Joint"
+    elif hook == "gravity":
+        is_valid, expected = isinstance(result, tuple) and len(result) == 3, "a tuple of three numbers"
     elif hook == "reading":
         is_valid, expected = np.shape(result) == series.shape, "an array of the same shape as value"
     else:

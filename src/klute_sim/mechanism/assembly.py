@@ -1,6 +1,6 @@
 """A mechanism: an MJCF model with devices on its tendons, and the objects that its channels belong to."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -15,12 +15,11 @@ from klute_sim.mechanism import drives
 from klute_sim.plant import models
 from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.coupling import N_BASE_STATES
+from klute_sim.plant.mjcf.model_effects import JOINT_TYPES, ModelEffect, apply_model_effects
 from klute_sim.plant.mjcf.model_file import ModelFile
 from klute_sim.plant.mjcf.model_numbers import set_model_numbers
 from klute_sim.types import Array
 
-JOINT_TYPES = {"hinge joint": mujoco.mjtJoint.mjJNT_HINGE, "slide joint": mujoco.mjtJoint.mjJNT_SLIDE}
-"""Kind of object -> type of joint."""
 SENSOR_TYPES = {
     "sensor_force": (mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_ACTUATORFRC, mujoco.mjtSensor.mjSENS_TOUCH),
     "sensor_moment": (mujoco.mjtSensor.mjSENS_TORQUE, mujoco.mjtSensor.mjSENS_JOINTACTFRC),
@@ -132,14 +131,20 @@ class Mechanism:
                     yield normalize_name(sensor.name) + axis, Binding(channel, sensor.name, index)
 
     def compile(
-        self, devices: Mapping[str, DeviceParameters], numbers: Mapping[str, float], dt: float
+        self,
+        devices: Mapping[str, DeviceParameters],
+        numbers: Mapping[str, float],
+        dt: float,
+        effects: Sequence[ModelEffect] = (),
     ) -> mujoco.MjModel:
         """Return the model with ``devices`` (name -> parameters), changed ``numbers`` and the time step ``dt`` [s].
 
-        Raises InputError when a number is unknown, or the model cannot be compiled with it.
+        ``effects`` are those of the mechanism. Raises InputError when a number or a part is unknown, or the model
+        cannot be compiled with them.
         """
         spec = self.spec.copy()
         set_model_numbers(spec, numbers)
+        apply_model_effects(spec, effects)
         spec.option.timestep = dt
         actuators = {prepare_actuator(spec, name): parameters for name, parameters in devices.items()}
         for name, parameters in devices.items():

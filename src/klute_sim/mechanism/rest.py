@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.plant import callbacks
 from klute_sim.plant.actuator import DeviceActuator
+from klute_sim.plant.python_friction import release_friction
 from klute_sim.types import Array
 
 MAX_NEWTON_STEPS = 40
@@ -50,6 +51,7 @@ def move_to_rest(
             data.qpos[:] = start
             _relax(model, data, devices, pressures)
     data.qvel[:] = 0.0
+    release_friction(model, data)
     _set_devices_to_equilibrium(model, data, devices, pressures)
     data.time = 0.0
 
@@ -103,6 +105,7 @@ def _relax(
     n_steps = max(1, round(RELAXATION_TIME / model.opt.timestep))
     for _ in range(MAX_RELAXATIONS):
         _set_devices_to_equilibrium(model, data, devices, pressures)
+        release_friction(model, data)
         before = data.qpos.copy()
         data.qvel[:] = 0.0
         callbacks.step_model(model, data, n_steps)

@@ -7,7 +7,7 @@ balanced them, which is how the bench records them.
 """
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -31,6 +31,7 @@ from klute_sim.plant import callbacks
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.plant.batch import create_batch, step_batch
 from klute_sim.plant.coupling import N_BASE_STATES
+from klute_sim.plant.mjcf.model_effects import ModelEffect, name_friction
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
@@ -138,10 +139,10 @@ class MechanismRollout:
         return series[quantity]
 
     def _compute_moment(self, joint: str) -> Array:
-        """Return the moment [N m] of all actuators about ``joint``, without its drive and its load."""
+        """Return the moment [N m] of all actuators about ``joint``, without its drive, its load and its friction."""
         moment: Array = self.fields["qfrc_actuator"][:, int(self.model.joint(joint).dofadr[0])].copy()
         names = {self.model.actuator(index).name: index for index in range(self.model.nactuator)}
-        for name in (drives.name_drive(joint), drives.name_load(joint)):
+        for name in (drives.name_drive(joint), drives.name_load(joint), name_friction(joint)):
             if name in names:
                 moment -= self.fields["actuator_force"][:, int(self.model.actuator_outadr[names[name]])]
         return moment
@@ -155,13 +156,15 @@ def simulate_mechanism(
     *,
     numbers: Mapping[str, float] | None = None,
     initial_positions: Mapping[str, float] | None = None,
+    effects: Sequence[ModelEffect] = (),
     backend: str = "auto",
 ) -> MechanismRollout:
     """Simulate ``mechanism`` with ``devices`` (name -> parameters) under ``inputs``, one sample per step ``dt`` [s].
 
     ``inputs`` holds every prescribed channel [SI]. The simulation starts at rest in equilibrium under the first
     samples; it is sought from ``initial_positions`` (joint -> m or rad) or from the model's own position. ``numbers``
-    changes numbers of the model. ``backend`` is ``"auto"``, ``"compiled"`` or ``"python"``.
+    changes numbers of the model, and ``effects`` are those of joints, pulleys and gravity. ``backend`` is ``"auto"``,
+    ``"compiled"`` or ``"python"``.
 
     Raises InputError when an input is missing, not finite or of another length, or ``dt`` is out of range, and
     SimulationError when the model diverges.
@@ -173,7 +176,7 @@ def simulate_mechanism(
     }
     # Python callbacks of one thread would keep other threads from compiling their models.
     with _python_lock if callbacks.choose_backend(backend) == "python" else nullcontext():
-        model = mechanism.compile(parameters, numbers or {}, dt)
+        model = mechanism.compile(parameters, numbers or {}, dt, effects)
         data = mujoco.MjData(model)
         if n_steps * sum(getattr(data, field).size for field in RECORDED_FIELDS) > MAX_RECORDED_VALUES:
             raise InputError(

@@ -32,6 +32,7 @@ from klute_sim.device.dynamics import ZERO_INTERNAL_STATE
 from klute_sim.device.nonfinite import MATH_ERRORS
 from klute_sim.errors import KluteSimError, KluteSimWarning, SimulationError
 from klute_sim.plant import callback_slots, coupling
+from klute_sim.plant.python_friction import find_friction_force, find_friction_rate
 
 CALLBACK_NAMES = ("act_dyn", "act_bias")
 """MuJoCo's callbacks that the device uses."""
@@ -334,10 +335,11 @@ def _call_previous(name: str, model: mujoco.MjModel, data: mujoco.MjData, actuat
 
 
 def _act_dyn(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float:
-    """Write the rates of the device's states: ``mjcb_act_dyn``."""
+    """Write the rates of the device's states, or return that of a friction: ``mjcb_act_dyn``."""
     row = get_parameter_row(model, actuator)
     if row is None:
-        return _call_previous("act_dyn", model, data, actuator)
+        rate = find_friction_rate(model, data, actuator)
+        return _call_previous("act_dyn", model, data, actuator) if rate is None else rate
     start = model.actuator_actadr[actuator]
     pressure, offset = data.act[start : start + coupling.N_BASE_STATES].tolist()
     internal_state = read_internal_state(model, data, actuator)
@@ -362,10 +364,11 @@ def _act_dyn(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float
 
 
 def _act_bias(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float:
-    """Return the device's actuator force: ``mjcb_act_bias``."""
+    """Return the actuator force of a device or a friction: ``mjcb_act_bias``."""
     row = get_parameter_row(model, actuator)
     if row is None:
-        return _call_previous("act_bias", model, data, actuator)
+        force = find_friction_force(model, data, actuator)
+        return _call_previous("act_bias", model, data, actuator) if force is None else force
     start, out = model.actuator_actadr[actuator], model.actuator_outadr[actuator]
     pressure, offset = data.act[start : start + 2].tolist()
     pressure_rate, length_rate = data.act_dot[start : start + 2].tolist()

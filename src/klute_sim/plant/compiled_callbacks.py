@@ -17,7 +17,7 @@ from numba.extending import intrinsic
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from klute_sim.device.backend.compiled import compile_cached, compile_device_functions, compile_module
-from klute_sim.plant import coupling, struct_access
+from klute_sim.plant import coupling, joint_friction, struct_access
 from klute_sim.plant.struct_layout import get_layout, read_actuator_name
 
 
@@ -123,11 +123,14 @@ def get_callbacks() -> Callbacks:
         "TIME": d["time"],
     }
     compiled_coupling = compile_module(coupling, **compile_device_functions())
+    compiled_friction = compile_module(joint_friction)
     functions = {
         "address_to_pointer": intrinsic(_address_to_pointer),
         "pointer_to_address": intrinsic(_pointer_to_address),
         "compute_rates": compiled_coupling.compute_rates,
         "compute_force": compiled_coupling.compute_force,
+        "compute_stretch_rate": compiled_friction.compute_stretch_rate,
+        "compute_friction_force": compiled_friction.compute_friction_force,
         "record_fault": types.ExternalFunction(
             _RECORD_FAULT_SYMBOL, types.float64(*[types.int64] * 3, *[types.float64] * 5)
         ),

@@ -3,8 +3,8 @@
 This module never runs as plain Python. :mod:`klute_sim.plant.compiled_callbacks` compiles a copy and fills in the
 placeholders below: the offsets of MuJoCo's fields, in words of 8 bytes, and functions that exist only in compiled code.
 
-An actuator carries a device when its ``actuator_user`` begins with :data:`LAYOUT_ID`. Every other actuator gets
-MuJoCo's neutral values: no rates and no force.
+An actuator carries a device when its ``actuator_user`` begins with :data:`LAYOUT_ID`, and the friction of a joint when
+it begins with :data:`FRICTION_LAYOUT_ID`. Every other actuator gets MuJoCo's neutral values: no rates and no force.
 """
 
 from typing import Any
@@ -16,6 +16,7 @@ from numba import carray
 from klute_sim.device.backend.packing import LAYOUT_ID
 from klute_sim.device.dynamics import N_INTERNAL_STATES, ZERO_INTERNAL_STATE
 from klute_sim.plant.coupling import N_ALL_STATES, N_BASE_STATES, USER_ROW_SIZE
+from klute_sim.plant.joint_friction import FRICTION_LAYOUT_ID, FRICTION_ROW_SIZE, N_FRICTION_STATES
 
 USER_DYNAMICS = int(mujoco.mjtDyn.mjDYN_USER)
 """MuJoCo's number of the dynamics type 'user'."""
@@ -35,6 +36,10 @@ compute_rates: Any = None
 """Compiled :func:`klute_sim.plant.coupling.compute_rates`."""
 compute_force: Any = None
 """Compiled :func:`klute_sim.plant.coupling.compute_force`."""
+compute_stretch_rate: Any = None
+"""Compiled :func:`klute_sim.plant.joint_friction.compute_stretch_rate`."""
+compute_friction_force: Any = None
+"""Compiled :func:`klute_sim.plant.joint_friction.compute_friction_force`."""
 to_tuple: Any = None
 """Converts the first numbers of an array to a tuple."""
 record_fault: Any = None
@@ -63,6 +68,41 @@ def get_parameter_row(words: Any, actuator: int) -> Any:
     return view_doubles(words, USER, 0, 0)
 
 
+def get_friction_row(words: Any, actuator: int) -> Any:
+    """Return the row of the joint friction on the actuator; empty without one."""
+    width = words[NUSER]
+    if (
+        width >= FRICTION_ROW_SIZE
+        and read_int(words, DYNTYPE, actuator) == USER_DYNAMICS
+        and read_int(words, ACTNUM, actuator) == N_FRICTION_STATES
+    ):
+        row = view_doubles(words, USER, width * actuator, FRICTION_ROW_SIZE)
+        if row[0] == FRICTION_LAYOUT_ID:
+            return row
+    return view_doubles(words, USER, 0, 0)
+
+
+def advance_friction(m: Any, d: Any, actuator: int, dt: float) -> Any:
+    """Return the rate of the state of a joint's friction; 0 for an actuator without one."""
+    row = get_friction_row(m, actuator)
+    if row.size == 0:
+        return 0.0
+    stretch = view_doubles(d, ACT, read_int(m, ACTADR, actuator), 1)[0]
+    return compute_stretch_rate(row, stretch, view_doubles(d, VELOCITY, read_int(m, OUTADR, actuator), 1)[0], dt)
+
+
+def apply_friction(m: Any, d: Any, actuator: int, dt: float) -> Any:
+    """Return the force of a joint's friction; 0 for an actuator without one."""
+    row = get_friction_row(m, actuator)
+    if row.size == 0:
+        return 0.0
+    start = read_int(m, ACTADR, actuator)
+    stretch, rate = view_doubles(d, ACT, start, 1)[0], view_doubles(d, ACT_DOT, start, 1)[0]
+    return compute_friction_force(
+        row, stretch, rate, view_doubles(d, VELOCITY, read_int(m, OUTADR, actuator), 1)[0], dt
+    )
+
+
 def read_internal_state(m: Any, d: Any, actuator: int) -> Any:
     """Return the internal state of the device; zeros if the model has no room for it."""
     if read_int(m, ACTNUM, actuator) == N_BASE_STATES:
@@ -72,13 +112,12 @@ def read_internal_state(m: Any, d: Any, actuator: int) -> Any:
     )
 
 
-def act_dyn(model: Any, data: Any, actuator: int) -> float:
-    """Write the rates of the device's states: ``mjcb_act_dyn``."""
+def act_dyn(model: Any, data: Any, actuator: int) -> Any:
+    """Write the rates of the device's states, or return that of a friction: ``mjcb_act_dyn``."""
     m, d = carray(model, (MODEL_SIZE,), np.int64), carray(data, (DATA_SIZE,), np.int64)
-    row = get_parameter_row(m, actuator)
+    row, dt = get_parameter_row(m, actuator), carray(model, (MODEL_SIZE,), np.float64)[TIMESTEP]
     if row.size == 0:
-        return 0.0
-    dt = carray(model, (MODEL_SIZE,), np.float64)[TIMESTEP]
+        return advance_friction(m, d, actuator, dt)
     start = read_int(m, ACTADR, actuator)
     internal_state = read_internal_state(m, d, actuator)
     act, act_dot = view_doubles(d, ACT, start, N_BASE_STATES), view_doubles(d, ACT_DOT, start, N_ALL_STATES)
@@ -97,12 +136,11 @@ def act_dyn(model: Any, data: Any, actuator: int) -> float:
 
 
 def act_bias(model: Any, data: Any, actuator: int) -> Any:
-    """Return the device's actuator force: ``mjcb_act_bias``."""
+    """Return the actuator force of a device or a friction: ``mjcb_act_bias``."""
     m, d = carray(model, (MODEL_SIZE,), np.int64), carray(data, (DATA_SIZE,), np.int64)
-    row = get_parameter_row(m, actuator)
+    row, dt = get_parameter_row(m, actuator), carray(model, (MODEL_SIZE,), np.float64)[TIMESTEP]
     if row.size == 0:
-        return 0.0
-    dt = carray(model, (MODEL_SIZE,), np.float64)[TIMESTEP]
+        return apply_friction(m, d, actuator, dt)
     start, out = read_int(m, ACTADR, actuator), read_int(m, OUTADR, actuator)
     internal_state = read_internal_state(m, d, actuator)
     act, act_dot = view_doubles(d, ACT, start, N_BASE_STATES), view_doubles(d, ACT_DOT, start, N_BASE_STATES)

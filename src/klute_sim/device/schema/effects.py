@@ -20,9 +20,10 @@ def check_effect(name: str, content: EffectContent) -> EffectForm:
     if form_name is not None and not isinstance(form_name, str):
         raise InputError(f"[effects.{name}] form = {form_name!r} is refused; allowed: the name of a form")
     effect, form = catalogue.find_form(name, form_name)
-    if effect.kind == "instrument":
+    if effect.kind in ("instrument", "mechanism"):
+        owner = "instruments" if effect.kind == "instrument" else "a mechanism"
         raise InputError(
-            f"'{name}' is an effect of instruments; allowed in a device file: effects of the device or the body"
+            f"'{name}' is an effect of {owner}; allowed in a device file: effects of the device or the body"
         )
     known = {parameter.key: parameter for parameter in form.parameters}
     for key in content:

@@ -17,6 +17,7 @@ from klute_sim.datasets.unit_conversion import get_conversion_factor
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.errors import InputError
+from klute_sim.plant.mjcf.model_effects import ModelEffect
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
@@ -110,6 +111,8 @@ class SimulationSetup(NamedTuple):
     """Parameters of all devices of a mechanism, in its order; empty: the nominal ones."""
     model_numbers: tuple[tuple[str, float], ...] = ()
     """Numbers of the model that differ from those of the trial."""
+    model_effects: tuple[ModelEffect, ...] = ()
+    """Effects of joints, pulleys and gravity of a mechanism."""
 
 
 class NumberChange(NamedTuple):
@@ -216,6 +219,11 @@ class Experiment(ABC):
     @abstractmethod
     def coarse_variant(self) -> "Experiment":
         """The same trial with fewer, longer time steps; the trial itself where its time step is long already."""
+
+    @property
+    def parts(self) -> Mapping[str, Sequence[str]]:
+        """Kind of part -> names of the parts of a mechanism that may have effects; empty on another rig."""
+        return {}
 
     @property
     def preparation_variants(self) -> "tuple[Experiment, ...]":

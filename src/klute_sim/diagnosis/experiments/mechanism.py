@@ -1,6 +1,6 @@
 """Trials of a mechanism: pressures, motion and loads are prescribed in an MJCF model with devices on its tendons."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -26,6 +26,7 @@ from klute_sim.diagnosis.experiments.denoise import denoise
 from klute_sim.errors import InputError
 from klute_sim.mechanism.assembly import Binding, Mechanism, compute_unit_lengths
 from klute_sim.mechanism.simulate import simulate_mechanism
+from klute_sim.plant.mjcf.model_effects import list_parts
 from klute_sim.types import Array
 
 STEPS_PER_SAMPLE = 10
@@ -95,6 +96,17 @@ class MechanismExperiment(Experiment):
         """False: effects of the body belong to the prosthesis."""
         return False
 
+    @cached_property
+    def parts(self) -> Mapping[str, Sequence[str]]:
+        """Joints that are not driven, pulleys, the rig, and measured positions of joints."""
+        driven = self.mechanism.driven_joints
+        parts: dict[str, Sequence[str]] = {
+            kind: [name for name in names if name not in driven]
+            for kind, names in list_parts(self.mechanism.spec).items()
+        }
+        positions = [n for n, b in self.outputs.items() if b.channel.quantity in MOTION_QUANTITIES]
+        return {**parts, "position channel": positions}
+
     @property
     def informative_channels(self) -> tuple[str, ...]:
         """All channels but pressures; they depend on the forces of the devices."""
@@ -116,6 +128,7 @@ class MechanismExperiment(Experiment):
             self.dt,
             numbers={**self.numbers, **dict(setup.model_numbers)},
             initial_positions=self.initial_positions,
+            effects=setup.model_effects,
         )
         first = rollout.trace_device(next(iter(self.devices)))
         channels = {name: rollout.read_channel(binding) for name, binding in self.outputs.items()}

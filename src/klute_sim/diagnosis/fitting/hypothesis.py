@@ -31,6 +31,7 @@ from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, compute_plaus
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.parameters import Parameter
+from klute_sim.plant.mjcf.model_effects import ModelEffect
 from klute_sim.types import Array
 
 PRIOR_BOUND_SIGMAS = 3.0
@@ -54,11 +55,18 @@ class EffectTerm(NamedTuple):
     """``section.key`` of the device file for an error of this number; None for effects."""
     tendon: str | None = None
     """Tendon of the only device of a mechanism that has the effect; None: all devices have it."""
+    part: str | None = None
+    """Joint or pulley of a mechanism that has the effect; None for other effects."""
 
     @property
     def identity(self) -> tuple[str | None, ...]:
-        """What the term stands for, whatever its form: effect, channel, number and tendon."""
-        return self.effect, self.channel, self.number, self.tendon
+        """What the term stands for, whatever its form: effect, channel, number, tendon and part."""
+        return self.effect, self.channel, self.number, self.tendon, self.part
+
+    @property
+    def owner(self) -> str | None:
+        """The channel, tendon or part that has the effect; None where all have it."""
+        return self.channel or self.tendon or self.part
 
     @property
     def effect_definition(self) -> Effect:
@@ -80,14 +88,13 @@ class EffectTerm(NamedTuple):
         )
 
     def __str__(self) -> str:
-        """Return effect, form (where there are several) and channel or tendon, or the number that may be wrong."""
+        """Return effect, form (where there are several) and owner, or the number that may be wrong."""
         if self.number:
             return self.number
-        owner = self.channel or self.tendon
-        channel = f" of {owner}" if owner else ""
+        owner = f" of {self.owner}" if self.owner else ""
         if len(self.effect_definition.forms) == 1:
-            return f"{self.effect}{channel}"
-        return f"{self.effect} ({self.form}){channel}"
+            return f"{self.effect}{owner}"
+        return f"{self.effect} ({self.form}){owner}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,12 +245,15 @@ class Hypothesis:
         """Return the simulation setup of each of ``experiments`` at normalized parameters ``x``."""
         values = self.values(x)
         device_effects: list[tuple[EffectTerm, dict[str, float]]] = []
-        sensors, body_edits = [], []
+        sensors, body_edits, model_effects = [], [], []
         for index, term in enumerate(self.terms):
             pairs = [(p, v) for p, v in zip(self.parameters, values, strict=True) if p.term_index == index]
             if term.number:
                 continue
-            if term.effect_definition.kind == "body":
+            if term.effect_definition.kind == "mechanism" and term.channel is None:
+                values_by_key = tuple((p.name, v) for p, v in pairs)
+                model_effects.append(ModelEffect(term.effect, term.form, values_by_key, term.part))
+            elif term.effect_definition.kind == "body":
                 body_edits.append(BodyEdit(term.effect, term.form, tuple((p.name, v) for p, v in pairs)))
             elif term.channel is None:
                 device_effects.append((term, {p.name: v for p, v in pairs}))
@@ -280,6 +290,7 @@ class Hypothesis:
                     registration,
                     tuple(build(device, tendon)[0] for tendon, device in experiment.devices.items()),
                     tuple(experiment.correct_model_numbers(changes).items()),
+                    tuple(model_effects),
                 )
             )
         return setups

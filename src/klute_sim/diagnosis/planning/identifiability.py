@@ -117,8 +117,9 @@ def remove_base_effect(device: Device, effect: Effect) -> Device:
 
     Raises InputError for an effect of the body, and where a section of the device replaces the effect.
     """
-    if effect.kind == "body":
-        raise InputError(f"effect '{effect.name}' acts in gait only; the identification protocols run on the bench")
+    if effect.kind in ("body", "mechanism"):
+        rig = "in gait" if effect.kind == "body" else "on a mechanism"
+        raise InputError(f"effect '{effect.name}' acts {rig} only; the identification protocols run on the bench")
     incompatibility = device.spec.find_incompatibility(effect.name)
     if incompatibility:
         raise InputError(f"effect '{effect.name}' cannot be tested on device '{device.name}': {incompatibility}")

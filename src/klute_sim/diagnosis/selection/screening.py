@@ -15,7 +15,7 @@ from klute_sim.datasets.dataset import Dataset
 from klute_sim.device.device import Device
 from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
 from klute_sim.diagnosis.data_quality import is_supply_only
-from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, linearize
 from klute_sim.diagnosis.fitting.number_error import (
@@ -112,6 +112,8 @@ def list_candidate_terms(
             if effect.kind == "device" and len(data.experiments[0].devices) > 1:  # one device may have what others lack
                 tendons = data.experiments[0].devices
                 terms += [EffectTerm(effect.name, effect.forms[0].name, tendon=tendon) for tendon in tendons]
+        elif effect.kind == "mechanism":
+            terms += _list_mechanism_terms(effect, data.experiments[0], dataset)
         elif effect.kind == "instrument":
             # Quantisation is detected without a simulation.
             channels = [c for c in data.noise if c in CHANNEL_UNITS and effect is not instrument.QUANTIZATION]
@@ -127,6 +129,25 @@ def list_candidate_terms(
         for key in (*numbers, *model_numbers)
         if key not in exclude and (not only or key in only or NUMBER_ERROR_NAME in only)
     ]
+
+
+def _list_mechanism_terms(effect: Effect, experiment: Experiment, dataset: Dataset) -> list[EffectTerm]:
+    """Return ``effect`` in each form on each part of the mechanism that may have it.
+
+    A form that is the same as a number of a joint is a candidate where this number is 0 and not fitted: elsewhere the
+    number itself is fitted or tested.
+    """
+    parts = experiment.parts.get(effect.part, ())
+    if effect.part == "position channel":
+        return [EffectTerm(effect.name, form.name, channel) for form in effect.forms for channel in parts]
+    terms = []
+    for part in parts:
+        for form in effect.forms:
+            number = f"model.joint.{part}.{form.replaces_number}"
+            if form.replaces_number and (dataset.model_values.get(number) or number in dataset.uncertainties):
+                continue
+            terms.append(EffectTerm(effect.name, form.name, part=part or None))
+    return terms
 
 
 def acts_on_pressure(effect: Effect) -> bool:

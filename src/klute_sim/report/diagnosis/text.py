@@ -56,7 +56,7 @@ def humanize_identifier(identifier: str) -> str:
 
 
 def format_term(term: EffectTerm) -> str:
-    """Return the effect of ``term`` in words, with form and channel or tendon, or the number that may be wrong."""
+    """Return the effect of ``term`` in words, with form and owner, or the number that may be wrong."""
     if term.number and is_model_number(term.number):
         element, _, rest = term.number.removeprefix(PREFIX).partition(".")
         name, _, number = rest.rpartition(".")
@@ -65,9 +65,8 @@ def format_term(term: EffectTerm) -> str:
         section, _, key = term.number.partition(".")
         return f"{split_key(key)[0]} of the {section}"
     form = f" ({humanize_identifier(term.form)})" if len(term.effect_definition.forms) > 1 else ""
-    owner = term.channel or term.tendon
-    channel = f" of {humanize_identifier(owner)}" if owner else ""
-    return f"{humanize_identifier(term.effect)}{form}{channel}"
+    owner = f" of {humanize_identifier(term.owner)}" if term.owner else ""
+    return f"{humanize_identifier(term.effect)}{form}{owner}"
 
 
 def humanize_text(text: str) -> str:
@@ -122,6 +121,7 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
     subjects = (
         ("device", "the simulated device lacks"),
         ("body", "the simulated foot and ankle lack"),
+        ("mechanism", "the simulated mechanism lacks"),
         ("instrument", "an instrument has a fault:"),
         ("number", "a number of the device file is wrong:"),
         ("model number", "a number of the model is wrong:"),

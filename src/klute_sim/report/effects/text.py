@@ -23,6 +23,9 @@ HOOK_DESCRIPTIONS = {
     "next_state": "the internal state of the effect",
     "reading": "the reading of an instrument",
     "foot": "the parameters of foot and ankle",
+    "joint": "inertia, damping and friction of a joint",
+    "pulley": "the radius of a pulley",
+    "gravity": "the direction of gravity",
 }
 """Hook -> the quantity that an effect changes there."""
 COMMAND_DESCRIPTION = "the entire history of the pressure command"
@@ -55,8 +58,8 @@ def describe_effect(effect: "Effect") -> dict[str, Any]:
 
 
 def format_device_toml(effect: "Effect", form: "EffectForm") -> str | None:
-    """Return the lines of a device file that add ``effect`` with typical parameters; None for instrument effects."""
-    if effect.kind == "instrument":
+    """Return the lines of a device file that add ``effect`` with typical parameters; None where no device has it."""
+    if effect.kind in ("instrument", "mechanism"):
         return None
     lines = (f"{parameter.key} = {float(parameter.typical)!r}" for parameter in form.parameters)
     requirement = [f"# requires {effect.replaces_switch} = false in [muscle]"] if effect.replaces_switch else []
@@ -65,7 +68,7 @@ def format_device_toml(effect: "Effect", form: "EffectForm") -> str | None:
 
 def get_parameter_unit(effect: "Effect", parameter: "EffectParameter") -> str:
     """Return the unit of ``parameter`` from its key; unbounded parameters of instruments have that of their channel."""
-    if effect.kind == "instrument" and math.isinf(parameter.upper):
+    if effect.kind in ("instrument", "mechanism") and math.isinf(parameter.upper):
         return "channel's unit/s" if parameter.key.endswith("_per_s") else "channel's unit"
     return units.split_unit(parameter.key)[1] or "1"
 
@@ -93,6 +96,11 @@ def describe_kind(description: dict[str, Any]) -> str:
         return (
             "A body effect: it acts on the foot and the ankle. `klute-sim gait` and a diagnosis of gait trials include "
             "it; a bench test has no body."
+        )
+    if description["kind"] == "mechanism":
+        return (
+            "An effect of a mechanism: it acts on joints, pulleys, gravity or sensors of an MJCF model. A diagnosis of "
+            'a dataset with `rig = "mjcf"` tests it; a device file cannot have it.'
         )
     if description["data_driven"]:
         return (

@@ -1,0 +1,148 @@
+"""Effects of a mechanism in its MJCF: numbers of joints, pulleys and gravity, and the friction of a bristle."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from klute_sim.effects import catalogue
+from klute_sim.errors import InputError, suggest
+from klute_sim.laws.joint import NO_BRISTLE, Joint
+from klute_sim.plant.joint_friction import (
+    FRICTION_LAYOUT_ID,
+    FRICTION_ROW_SIZE,
+    N_FRICTION_STATES,
+    pack_friction,
+    unpack_friction,
+)
+
+FRICTION_SOLREF, FRICTION_SOLIMP = (0.004, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
+"""MuJoCo's solref and solimp of dry friction: as stiff as a time step of 2 ms allows, because the soft default creeps.
+"""
+RIM_TOLERANCE = 0.1
+"""Distance from the rim of a pulley, over its radius, up to which the end of a cable is on it (assumed)."""
+JOINT_TYPES = {"hinge joint": mujoco.mjtJoint.mjJNT_HINGE, "slide joint": mujoco.mjtJoint.mjJNT_SLIDE}
+"""Kind of a part -> type of joint."""
+
+
+class ModelEffect(NamedTuple):
+    """A form of an effect of a mechanism."""
+
+    effect: str
+    """Name of the effect in the catalogue."""
+    form: str
+    """Name of the form."""
+    parameters: tuple[tuple[str, float], ...]
+    """Key and value of each parameter, in the unit of the key."""
+    part: str | None = None
+    """Name of the joint or pulley that has the effect; None for the rig."""
+
+
+def list_parts(spec: mujoco.MjSpec) -> dict[str, tuple[str, ...]]:
+    """Return kind of part -> names of the parts of ``spec`` that may have effects; the rig has no name."""
+    parts = {
+        kind: tuple(joint.name for joint in spec.joints if joint.type == joint_type and joint.name)
+        for kind, joint_type in JOINT_TYPES.items()
+    }
+    pulleys = {wrap.target.name: None for tendon in spec.tendons for wrap in tendon.path if _is_pulley(wrap)}
+    return {**parts, "pulley": tuple(filter(None, pulleys)), "rig": ("",)}
+
+
+def apply_model_effects(spec: mujoco.MjSpec, effects: Iterable[ModelEffect]) -> None:
+    """Edit ``spec`` so that it has ``effects``, in their order; neutral parameters change nothing.
+
+    Raises InputError for an effect without a law for models, or a part that the model does not have.
+    """
+    for name, form_name, parameters, part in effects:
+        effect, form = catalogue.find_form(name, form_name)
+        hooks = [hook for hook in ("joint", "pulley", "gravity") if hook in form.laws]
+        if not hooks:
+            raise InputError(f"effect '{name}' is none of joints, pulleys or gravity of a mechanism")
+        known = list_parts(spec)[effect.part]
+        if (part or "") not in known:
+            listing = f"there are: {', '.join(known) or 'none'}"
+            raise InputError(f"'{part}' is no {effect.part} of the model; {suggest(str(part), known, listing)}")
+        p, law = form.pack(dict(parameters)), form.laws[hooks[0]]
+        if hooks[0] == "joint":
+            joint = spec.joint(part)
+            before = read_joint(spec, joint)
+            _write_joint(spec, joint, before, law(p, before))
+        elif hooks[0] == "pulley":
+            pulley = spec.geom(part)
+            radius = float(pulley.size[0])
+            _set_radius(spec, pulley, radius, law(p, radius))
+        else:
+            gravity = tuple(float(value) for value in spec.option.gravity)
+            spec.option.gravity = law(p, gravity)
+
+
+def read_joint(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> Joint:
+    """Return the numbers of ``joint`` in ``spec``."""
+    actuator = spec.actuator(name_friction(joint.name))
+    row = [] if actuator is None else [float(value) for value in actuator.userdata]
+    has_bristle = len(row) >= FRICTION_ROW_SIZE and row[0] == FRICTION_LAYOUT_ID
+    return Joint(
+        float(np.asarray(joint.damping).reshape(-1)[0]),
+        float(joint.frictionloss),
+        float(joint.armature),
+        unpack_friction(row) if has_bristle else NO_BRISTLE,
+    )
+
+
+def name_friction(joint: str) -> str:
+    """Return the name of the actuator with the friction of ``joint``."""
+    return f"{joint} friction"
+
+
+def _write_joint(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, before: Joint, after: Joint) -> None:
+    """Change the numbers of ``joint`` that differ."""
+    if after.damping != before.damping:
+        damping = np.array(joint.damping, dtype=np.float64)
+        damping[0] = after.damping
+        joint.damping = damping
+    if after.friction_moment != before.friction_moment:
+        joint.frictionloss = after.friction_moment
+        joint.solref_friction, joint.solimp_friction = FRICTION_SOLREF, FRICTION_SOLIMP
+    if after.armature != before.armature:
+        joint.armature = after.armature
+    if after.bristle != before.bristle and after.bristle.sliding_moment > 0.0:
+        name = name_friction(joint.name)
+        actuator = spec.actuator(name) or spec.add_actuator(name=name)
+        actuator.target, actuator.trntype = joint.name, mujoco.mjtTrn.mjTRN_JOINT
+        actuator.dyntype, actuator.biastype = mujoco.mjtDyn.mjDYN_USER, mujoco.mjtBias.mjBIAS_USER
+        actuator.gaintype, actuator.actdim = mujoco.mjtGain.mjGAIN_FIXED, N_FRICTION_STATES
+        actuator.gainprm[0] = 0.0
+        actuator.userdata = pack_friction(after.bristle)
+
+
+def _set_radius(spec: mujoco.MjSpec, pulley: mujoco.MjsGeom, before: float, after: float) -> None:
+    """Change the radius [m] of ``pulley``, and move the ends of cables that are on its rim with it."""
+    if after == before:
+        return
+    size = np.array(pulley.size, dtype=np.float64)
+    size[0] = after
+    pulley.size = size
+    center = np.asarray(pulley.pos, dtype=np.float64)
+    for site in _list_end_sites(spec, pulley):
+        offset = np.asarray(site.pos, dtype=np.float64) - center
+        if abs(float(np.linalg.norm(offset)) / before - 1.0) <= RIM_TOLERANCE:
+            site.pos = center + after / before * offset
+
+
+def _list_end_sites(spec: mujoco.MjSpec, pulley: mujoco.MjsGeom) -> Sequence[mujoco.MjsSite]:
+    """Return the sites on the body of ``pulley`` next to it on the path of a tendon, each once."""
+    sites = {}
+    for tendon in spec.tendons:
+        path = list(tendon.path)
+        for index, wrap in enumerate(path):
+            if _is_pulley(wrap) and wrap.target.name == pulley.name:
+                for neighbour in (path[k] for k in (index - 1, index + 1) if 0 <= k < len(path)):
+                    is_site = neighbour.type == mujoco.mjtWrap.mjWRAP_SITE
+                    if is_site and neighbour.target.parent.name == pulley.parent.name:
+                        sites[neighbour.target.name] = neighbour.target
+    return list(sites.values())
+
+
+def _is_pulley(wrap: mujoco.MjsWrap) -> bool:
+    return wrap.type in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)
