@@ -244,7 +244,7 @@ def test_invalid_input_raises_one_sentence() -> None:
     for options, message in (
         ({"time_step": 3e-4}, "divisors of 10 ms"),
         ({"mass": 500.0}, "mass is 500"),
-        ({"render_mode": "human"}, "render_mode is 'human'"),
+        ({"render_mode": "ansi"}, "render_mode is 'ansi'"),
         ({"device": "nothing"}, "no device 'nothing'"),
         ({"backend": "fast"}, "backend is 'fast'"),
     ):

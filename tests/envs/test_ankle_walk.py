@@ -281,7 +281,7 @@ def test_backends_walk_alike_to_the_bit() -> None:
         ({"time_step": 3e-4}, "divisors of 10 ms up to 1 ms"),
         ({"sensor_delay": 21}, "sensor_delay is 21"),
         ({"reward": {"joy": 1.0}}, "reward has no term 'joy'; allowed: survival, effort"),
-        ({"render_mode": "human"}, "render_mode is 'human'; allowed: None, rgb_array"),
+        ({"render_mode": "ansi"}, "render_mode is 'ansi'; allowed: None, human, rgb_array"),
         ({"width": 0}, "image size is 0 x 480"),
     ],
 )

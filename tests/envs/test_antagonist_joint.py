@@ -96,7 +96,7 @@ def test_tendons_may_have_different_devices() -> None:
         ({"time_step": 0.003}, "divisors of 10 ms"),
         ({"device": {"flexor": "klute-3-4"}}, "'extensor' has no device"),
         ({"device": {"flexor": "klute-3-4", "biceps": "klute-3-4"}}, "'biceps' has no device or does not exist"),
-        ({"render_mode": "human"}, "render_mode is 'human'"),
+        ({"render_mode": "ansi"}, "render_mode is 'ansi'"),
     ],
 )
 def test_invalid_options_are_refused(options: dict[str, object], message: str) -> None:

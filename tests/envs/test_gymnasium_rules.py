@@ -267,7 +267,7 @@ def test_invalid_vector_options_are_refused(name: str) -> None:
         ({"n_jobs": -1}, "n_jobs is -1"),
         ({"autoreset_mode": "never"}, "autoreset_mode is 'never'; allowed: NextStep, SameStep, Disabled"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
-        ({"render_mode": "human"}, "render_mode is 'human'; allowed: None"),
+        ({"render_mode": "ansi"}, "render_mode is 'ansi'; allowed: None"),
     ):
         with pytest.raises(InputError, match=message):
             gymnasium.make_vec(name, vectorization_mode="vector_entry_point", **options)

@@ -81,7 +81,7 @@ def test_a_muscle_at_rest_moves_with_the_origin_of_the_device() -> None:
 
     for stature in (1.6, 1.9):
         model = build_gait_model(load_device("klute-1-1-4-pair"), mass=70.0, stature=stature, dt=1e-3)
-        at_rest = [g for g in range(model.ngeom) if models.is_muscle_at_rest(model, g)]
+        at_rest = [g for g in range(model.ngeom) if model.geom_group[g] == models.REST_GROUP]
         origin = model.site("prosthesis_achilles_origin").pos
         assert len(at_rest) == 3
         assert all(origin[2] - 0.3 < model.geom_pos[g][2] < origin[2] for g in at_rest)

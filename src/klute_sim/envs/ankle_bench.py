@@ -9,6 +9,7 @@ from klute_sim.envs.base.scheduled import ScheduledTaskEnv
 from klute_sim.envs.tasks.bench_task import BenchOptions, BenchTask
 from klute_sim.envs.tasks.options import resolve_device
 from klute_sim.plant import callbacks
+from klute_sim.rendering.frames import DEFAULT_CAMERA, RenderOptions
 
 
 class AnkleBenchEnv(ScheduledTaskEnv):
@@ -74,13 +75,18 @@ class AnkleBenchEnv(ScheduledTaskEnv):
         cycle_duration: float = 1.0,
         time_step: float = 5e-4,
         backend: str = "auto",
-        render_mode: None = None,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        camera: str = DEFAULT_CAMERA,
     ) -> None:
         """Create the environment of a ``task`` for a ``device`` (preset, path or Device).
 
         ``duration`` [s] of an episode, ``cycle_duration`` [s] of the task work, ``time_step`` [s]; ``backend`` is auto,
-        compiled or python. Raises InputError when an option is invalid.
+        compiled or python. With the ``render_mode`` human, rgb_array or depth_array it draws, from a ``camera`` of the
+        model (side), images of ``width`` and ``height`` [pixels]. Raises InputError when an option is invalid.
         """
         options = BenchOptions(task=task, duration=duration, cycle_duration=cycle_duration, time_step=time_step)
         chosen_backend = callbacks.choose_backend(backend)
-        super().__init__(BenchTask(resolve_device(device), options, 1, chosen_backend), chosen_backend, render_mode)
+        render_options = RenderOptions(render_mode=render_mode, width=width, height=height, camera=camera)
+        super().__init__(BenchTask(resolve_device(device), options, 1, chosen_backend), chosen_backend, render_options)

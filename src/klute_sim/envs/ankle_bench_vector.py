@@ -10,6 +10,7 @@ from klute_sim.envs.base.vector import VectorOptions
 from klute_sim.envs.tasks.bench_task import BenchOptions, BenchTask
 from klute_sim.envs.tasks.options import resolve_device
 from klute_sim.plant import callbacks
+from klute_sim.rendering.frames import DEFAULT_CAMERA
 
 
 class AnkleBenchVectorEnv(ScheduledTaskVectorEnv):
@@ -33,7 +34,10 @@ class AnkleBenchVectorEnv(ScheduledTaskVectorEnv):
         n_jobs: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
-        render_mode: None = None,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        camera: str = DEFAULT_CAMERA,
     ) -> None:
         """Create the environments on ``n_jobs`` threads (0: all cores); raises InputError when an option is invalid.
 
@@ -46,6 +50,9 @@ class AnkleBenchVectorEnv(ScheduledTaskVectorEnv):
             autoreset_mode=autoreset_mode,
             max_episode_steps=max_episode_steps,
             render_mode=render_mode,
+            width=width,
+            height=height,
+            camera=camera,
         )
         options = BenchOptions(task=task, duration=duration, cycle_duration=cycle_duration, time_step=time_step)
         super().__init__(

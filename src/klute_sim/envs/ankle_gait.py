@@ -8,14 +8,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.controllers.pressure import PressureProfile
 from klute_sim.device.device import DEFAULT_DEVICE, Device
-from klute_sim.envs.base.pictures import PictureOptions
-from klute_sim.envs.base.rendering import SceneRenderer
 from klute_sim.envs.base.single import SINGLE_MASK, DeviceEnv, Observation, Step
-from klute_sim.envs.base.task import CONTROL_INTERVAL, make_action_space, make_observation_space
+from klute_sim.envs.base.task import make_action_space, make_observation_space
 from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
 from klute_sim.envs.tasks.gait_task import GaitTask, SimulationStates
 from klute_sim.envs.tasks.instruments import OBSERVATIONS
@@ -24,6 +21,7 @@ from klute_sim.errors import SimulationError
 from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitRig, reset_gait_rig
 from klute_sim.gait.subject import ReferenceLike
 from klute_sim.plant import callbacks
+from klute_sim.rendering.frames import DEFAULT_CAMERA, RenderOptions
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
@@ -126,8 +124,6 @@ class AnkleGaitEnv(DeviceEnv):
     * v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_INTERVAL)}  # noqa: RUF012
-
     def __init__(
         self,
         *,
@@ -154,6 +150,7 @@ class AnkleGaitEnv(DeviceEnv):
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
+        camera: str = DEFAULT_CAMERA,
     ) -> None:
         """Create the environment of a ``device`` (preset, path or Device) and a subject (mass [kg], stature [m]).
 
@@ -161,12 +158,14 @@ class AnkleGaitEnv(DeviceEnv):
         ``stride_time`` [s], mass and stature are by default those that it states (None), or 1.1 s, 75 kg and 1.75 m.
         ``foot`` is the foot below the ankle, such as ``"sach"`` (None: that of the device).
         ``accept`` names findings about its file that are right although they look implausible. ``speed`` [m/s],
-        ``slope`` [rad], ``time_step`` [s] and ``reset_noise`` [rad]; ``backend`` is auto, compiled or python. The class
-        docstring and :class:`klute_sim.envs.tasks.options.TaskOptions` describe the other options.
+        ``slope`` [rad], ``time_step`` [s] and ``reset_noise`` [rad]; ``backend`` is auto, compiled or python. With the
+        ``render_mode`` human, rgb_array or depth_array it draws, from a ``camera`` of the model (side, corner,
+        prosthesis_close), images of ``width`` and ``height`` [pixels]. The class docstring and
+        :class:`klute_sim.envs.tasks.options.TaskOptions` describe the other options.
 
         Raises InputError when an option is invalid.
         """
-        self._pictures = PictureOptions(render_mode, width, height)
+        render_options = RenderOptions(render_mode=render_mode, width=width, height=height, camera=camera)
         gait_options = resolve_gait_options(
             reference, stride_time, accept, mass, stature, speed, slope, strides, time_step
         )
@@ -182,13 +181,13 @@ class AnkleGaitEnv(DeviceEnv):
         )
         self._backend, self._reset_noise = callbacks.choose_backend(backend), reset_noise
         self._task = GaitTask(resolve_device(device, foot), gait_options, options, 1, self._backend)
-        super().__init__(self._task.max_episode_steps)
         self._gait_rig = self._task.randomizer.gait_rigs[0]
+        super().__init__(self._task.max_episode_steps, render_options)
         self.model = copy(self._gait_rig.model)
         """MuJoCo model including the device; randomisation changes it at every reset."""
         self.data = mujoco.MjData(self.model)
         """State of the simulation."""
-        self.render_mode = render_mode
+        render_options.check_camera(self.model)
         self.action_space, self.observation_space = make_action_space(), make_observation_space(OBSERVATIONS)
 
     def _start_episode(self) -> tuple[Observation, dict[str, Any]]:
@@ -221,19 +220,12 @@ class AnkleGaitEnv(DeviceEnv):
         reward, terminated, truncated = float(step.reward[0]), bool(step.terminated[0]), bool(step.truncated[0])
         return self._task.observations[0], reward, terminated, truncated, step.get_first_info()
 
+    def _get_simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        return self.model, self.data
+
     def _read_states(self) -> SimulationStates:
         data = self.data
         return SimulationStates(*(getattr(data, field.name)[None] for field in fields(SimulationStates)))
-
-    def _draw(self) -> NDArray[np.uint8] | None:
-        if self.render_mode is None:
-            return None
-        if self._renderer is None:
-            self._renderer = SceneRenderer(self.model, *self._pictures.prepare(self.model))
-        camera = mujoco.MjvCamera()
-        camera.lookat[:] = (self.data.qpos[0], 0.0, 0.55)
-        camera.distance, camera.azimuth, camera.elevation = 1.9, 90.0, -5.0
-        return self._renderer.draw(self.data, camera)
 
 
 def reset_simulation(gait_rig: GaitRig, data: mujoco.MjData, rng: np.random.Generator, reset_noise: float) -> None:

@@ -20,6 +20,7 @@ from klute_sim.envs.tasks.options import TaskOptions, resolve_device, resolve_ga
 from klute_sim.gait.rig.setup import DRIVE_ACTUATORS
 from klute_sim.gait.subject import ReferenceLike
 from klute_sim.plant import callbacks
+from klute_sim.rendering.frames import DEFAULT_CAMERA
 from klute_sim.types import Array, Mask
 
 
@@ -58,7 +59,10 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
         n_jobs: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
-        render_mode: None = None,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        camera: str = DEFAULT_CAMERA,
     ) -> None:
         """Create the environments on ``n_jobs`` threads (0: all cores); raises InputError when an option is invalid.
 
@@ -71,6 +75,9 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
             autoreset_mode=autoreset_mode,
             max_episode_steps=max_episode_steps,
             render_mode=render_mode,
+            width=width,
+            height=height,
+            camera=camera,
         )
         gait_options = resolve_gait_options(
             reference, stride_time, accept, mass, stature, speed, slope, strides, time_step

@@ -7,15 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.controllers.parse import Controller, parse_controller
 from klute_sim.device.device import DEFAULT_DEVICE, Device
-from klute_sim.envs.base.pictures import PictureOptions
-from klute_sim.envs.base.rendering import SceneRenderer
 from klute_sim.envs.base.single import SINGLE_MASK, DeviceEnv, Observation, Step
-from klute_sim.envs.base.task import CONTROL_INTERVAL, make_action_space, make_observation_space
+from klute_sim.envs.base.task import make_action_space, make_observation_space
 from klute_sim.envs.tasks.instruments import OBSERVATIONS
 from klute_sim.envs.tasks.options import resolve_device
 from klute_sim.envs.tasks.walk.options import WalkTaskOptions
@@ -24,6 +20,7 @@ from klute_sim.envs.tasks.walk.task import WalkTask
 from klute_sim.errors import SimulationError
 from klute_sim.gait.spring_foot import SpringFoot
 from klute_sim.plant import callbacks
+from klute_sim.rendering.frames import DEFAULT_CAMERA, RenderOptions
 from klute_sim.types import Array
 from klute_sim.walker.person.build import Prosthesis
 
@@ -127,8 +124,6 @@ class AnkleWalkEnv(DeviceEnv):
     * v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_INTERVAL)}  # noqa: RUF012
-
     def __init__(
         self,
         *,
@@ -152,18 +147,20 @@ class AnkleWalkEnv(DeviceEnv):
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
+        camera: str = DEFAULT_CAMERA,
     ) -> None:
         """Create the environment of a person with a ``device`` (preset, path or Device).
 
         ``foot`` is the foot below the ankle, such as ``"sach"`` (None: that of the device), and ``alignment`` [rad] the
         angle of the prosthesis to the limb (None: that of the device). ``spring_foot`` [N*m/deg] replaces the device,
         so that the actions have no effect: a baseline. ``base`` is a controller or its specification, ``speed`` the
-        target [m/s]; ``duration`` [s], ``time_step`` [s]; ``backend`` is auto, compiled or python. The class docstring
-        describes the other options.
+        target [m/s]; ``duration`` [s], ``time_step`` [s]; ``backend`` is auto, compiled or python. With the
+        ``render_mode`` human, rgb_array or depth_array it draws, from a ``camera`` of the model (side, corner,
+        prosthesis_close), images of ``width`` and ``height`` [pixels]. The class docstring describes the other options.
 
         Raises InputError when an option is invalid.
         """
-        self._pictures = PictureOptions(render_mode, width, height)
+        render_options = RenderOptions(render_mode=render_mode, width=width, height=height, camera=camera)
         options = WalkTaskOptions(
             prosthesis=resolve_prosthesis(device, foot, alignment, spring_foot),
             base=resolve_base(base),
@@ -179,11 +176,9 @@ class AnkleWalkEnv(DeviceEnv):
             sensor_delay=sensor_delay,
             reward=reward,
         )
-        super().__init__(options.actions_per_episode)
+        super().__init__(options.actions_per_episode, render_options)
         self._backend = callbacks.choose_backend(backend)
         self._task = WalkTask(options, 1, self._backend)
-        self.render_mode = render_mode
-        self._drawn_model: mujoco.MjModel | None = None
         self.action_space, self.observation_space = make_action_space(), make_observation_space(OBSERVATIONS)
 
     @property
@@ -215,14 +210,5 @@ class AnkleWalkEnv(DeviceEnv):
         reward, terminated, truncated = float(step.reward[0]), bool(step.terminated[0]), bool(step.truncated[0])
         return self._task.observations[0], reward, terminated, truncated, step.get_first_info()
 
-    def _draw(self) -> NDArray[np.uint8] | None:
-        if self.render_mode is None:
-            return None
-        if self._renderer is None or self._drawn_model is not self.model:
-            self._release_renderer()
-            self._drawn_model = self.model
-            self._renderer = SceneRenderer(self.model, *self._pictures.prepare(self.model))
-        camera = mujoco.MjvCamera()
-        camera.lookat[:] = (self.data.qpos[0], 0.0, 0.9)
-        camera.distance, camera.azimuth, camera.elevation = 3.2, 90.0, -5.0
-        return self._renderer.draw(self.data, camera)
+    def _get_simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        return self.model, self.data

@@ -19,6 +19,7 @@ from klute_sim.envs.tasks.walk.options import WalkTaskOptions
 from klute_sim.envs.tasks.walk.task import WalkTask
 from klute_sim.errors import InputError
 from klute_sim.plant import callbacks
+from klute_sim.rendering.frames import DEFAULT_CAMERA, Frame, FrameSource
 from klute_sim.types import Array, Mask
 
 
@@ -54,7 +55,10 @@ class AnkleWalkVectorEnv(DeviceVectorEnv):
         n_jobs: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
-        render_mode: None = None,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        camera: str = DEFAULT_CAMERA,
     ) -> None:
         """Create the environments on ``n_jobs`` threads (0: all cores); raises InputError when an option is invalid.
 
@@ -67,6 +71,9 @@ class AnkleWalkVectorEnv(DeviceVectorEnv):
             autoreset_mode=autoreset_mode,
             max_episode_steps=max_episode_steps,
             render_mode=render_mode,
+            width=width,
+            height=height,
+            camera=camera,
         )
         options = WalkTaskOptions(
             prosthesis=resolve_prosthesis(device, foot, alignment, spring_foot),
@@ -88,6 +95,8 @@ class AnkleWalkVectorEnv(DeviceVectorEnv):
         self._task = WalkTask(options, num_envs, "compiled")
         spaces_of_one = make_action_space(), make_observation_space(OBSERVATIONS)
         super().__init__(vector_options, spaces_of_one, options.actions_per_episode)
+        # Each person has a model, which resets on uneven ground replace.
+        self._frame_sources = [FrameSource(self._frame_source.options) for _ in range(num_envs)]
         self._n_threads = min(int(n_jobs) or os.cpu_count() or 1, num_envs)
         self._start_threads()
 
@@ -123,8 +132,16 @@ class AnkleWalkVectorEnv(DeviceVectorEnv):
         for index in indices:
             self._task.get_person(index).advance()
 
+    def _draw(self, index: int) -> Frame:
+        simulator = self._task.get_person(index).simulator
+        frame = self._frame_sources[index].draw(simulator.model, simulator.data)
+        assert frame is not None  # a vector environment has no window
+        return frame
+
     def close_extras(self, **kwargs: Any) -> None:
-        """End the threads."""
+        """Release the graphics contexts and end the threads."""
+        for source in self._frame_sources:
+            source.close()
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None

@@ -9,6 +9,7 @@ from klute_sim.envs.tasks.joint_task import TENDONS, JointOptions, JointTask
 from klute_sim.envs.tasks.options import resolve_device
 from klute_sim.errors import InputError, suggest
 from klute_sim.plant import callbacks
+from klute_sim.rendering.frames import DEFAULT_CAMERA, RenderOptions
 
 DEFAULT_JOINT_DEVICE = "klute-3-4-pair"
 """Default device on both tendons."""
@@ -75,13 +76,18 @@ class AntagonistJointEnv(ScheduledTaskEnv):
         duration: float = 5.0,
         time_step: float = 5e-4,
         backend: str = "auto",
-        render_mode: None = None,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        camera: str = DEFAULT_CAMERA,
     ) -> None:
         """Create the environment with a ``device`` (preset, path or Device) on both tendons, or one for each.
 
-        ``duration`` [s] of an episode, ``time_step`` [s]; ``backend`` is auto, compiled or python. Raises InputError
-        when an option is invalid.
+        ``duration`` [s] of an episode, ``time_step`` [s]; ``backend`` is auto, compiled or python. With the
+        ``render_mode`` human, rgb_array or depth_array it draws, from a ``camera`` of the model (side), images of
+        ``width`` and ``height`` [pixels]. Raises InputError when an option is invalid.
         """
         options = JointOptions(duration=duration, time_step=time_step)
         chosen_backend = callbacks.choose_backend(backend)
-        super().__init__(JointTask(resolve_devices(device), options, 1, chosen_backend), chosen_backend, render_mode)
+        render_options = RenderOptions(render_mode=render_mode, width=width, height=height, camera=camera)
+        super().__init__(JointTask(resolve_devices(device), options, 1, chosen_backend), chosen_backend, render_options)

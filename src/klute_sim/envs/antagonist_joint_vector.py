@@ -14,6 +14,7 @@ from klute_sim.envs.base.scheduled import ScheduledTaskVectorEnv
 from klute_sim.envs.base.vector import VectorOptions
 from klute_sim.envs.tasks.joint_task import JointOptions, JointTask
 from klute_sim.plant import callbacks
+from klute_sim.rendering.frames import DEFAULT_CAMERA
 
 
 class AntagonistJointVectorEnv(ScheduledTaskVectorEnv):
@@ -35,7 +36,10 @@ class AntagonistJointVectorEnv(ScheduledTaskVectorEnv):
         n_jobs: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
-        render_mode: None = None,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        camera: str = DEFAULT_CAMERA,
     ) -> None:
         """Create the environments on ``n_jobs`` threads (0: all cores); raises InputError when an option is invalid.
 
@@ -48,6 +52,9 @@ class AntagonistJointVectorEnv(ScheduledTaskVectorEnv):
             autoreset_mode=autoreset_mode,
             max_episode_steps=max_episode_steps,
             render_mode=render_mode,
+            width=width,
+            height=height,
+            camera=camera,
         )
         options = JointOptions(duration=duration, time_step=time_step)
         super().__init__(

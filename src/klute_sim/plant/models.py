@@ -14,13 +14,8 @@ from klute_sim.plant.coupling import DAMPING_INDEX, N_ALL_STATES, N_BASE_STATES,
 
 N_VISIBLE_GROUPS = 3
 """Groups of geoms that MuJoCo's viewer shows unless told otherwise: 0 to 2. Group 3 of our models holds contact."""
-REST_SUFFIX = "_at_rest"
-"""Ending of the names of geoms that show a muscle at rest, for viewers that cannot draw one that swells."""
-
-
-def is_muscle_at_rest(model: mujoco.MjModel, geom: int) -> bool:
-    """Return whether a geom shows a muscle at rest, in whose place a muscle that swells is drawn."""
-    return bool(model.geom(geom).name.endswith(REST_SUFFIX))
+REST_GROUP = 1
+"""Group of the geoms of our models that show muscles at rest, for viewers that cannot draw ones that swell."""
 
 
 def get_models_folder() -> Path:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.gait.body import KEEL_JOINT, PROSTHESIS_PREFIX
-from klute_sim.plant.models import N_VISIBLE_GROUPS, is_muscle_at_rest
+from klute_sim.plant.models import N_VISIBLE_GROUPS, REST_GROUP
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 
@@ -126,7 +126,7 @@ def log_bodies(
     stream.log(root, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for geom in range(model.ngeom):
         is_shown = model.geom_group[geom] < N_VISIBLE_GROUPS
-        is_shown &= not (omits_muscle_at_rest and is_muscle_at_rest(model, geom))
+        is_shown &= not (omits_muscle_at_rest and model.geom_group[geom] == REST_GROUP)
         if is_shown and model.body(int(model.geom_bodyid[geom])).name not in hidden:
             _log_geom(stream, model, geom, root)
     data = mujoco.MjData(model)

@@ -14,6 +14,7 @@ from gymnasium import spaces
 from klute_sim.envs.base.vector import DeviceVectorEnv, VectorOptions
 from klute_sim.errors import SimulationError
 from klute_sim.plant import batch
+from klute_sim.rendering.frames import Frame
 from klute_sim.types import Array, Mask
 
 STATE_SPEC = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -41,8 +42,10 @@ class BatchVectorEnv(DeviceVectorEnv):
         between the simulations; :class:`DeviceVectorEnv` describes the other arguments.
         """
         super().__init__(options, spaces_of_one, task_max_steps)
+        self._frame_source.options.check_camera(model)
         self._model = copy(model)
         self._scratch_data = mujoco.MjData(self._model)
+        self._drawn_model: mujoco.MjModel | None = None
         self._state_names, self._randomized_names = [item.name for item in fields(states_type)], randomized_fields
         self._connect_batch(model)
         self._states = states_type(*(value.copy() for value in self._bound_states.values()))
@@ -86,6 +89,20 @@ class BatchVectorEnv(DeviceVectorEnv):
         """Copy the states of the simulations ``active`` from the batch."""
         for name, value in self._bound_states.items():
             getattr(self._states, name)[active] = value[active]
+
+    def _draw(self, index: int) -> Frame:
+        if self._drawn_model is None:
+            self._drawn_model = copy(self._model)
+        model = self._drawn_model
+        for name, values in self._randomized_fields.items():
+            getattr(model, name)[:] = np.reshape(values[index], getattr(model, name).shape)
+        data = mujoco.MjData(model)
+        mujoco.mj_setState(model, data, self._batch.state[index], STATE_SPEC)
+        for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_camlight, mujoco.mj_tendon):
+            compute(model, data)
+        frame = self._frame_source.draw(model, data)
+        assert frame is not None  # a batch has no window
+        return frame
 
     def _copy_state(self) -> dict[str, Any]:
         state = {name: value for name, value in self.__dict__.items() if name not in self._NOT_COPIED}

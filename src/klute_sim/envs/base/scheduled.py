@@ -10,37 +10,30 @@ import numpy as np
 from klute_sim.envs.base.batch_vector import BatchVectorEnv
 from klute_sim.envs.base.single import SINGLE_MASK, DeviceEnv, Observation, Step
 from klute_sim.envs.base.task import (
-    CONTROL_INTERVAL,
     BatchStep,
     ScheduledTask,
     make_action_space,
     make_observation_space,
 )
 from klute_sim.envs.base.vector import Observations, VectorOptions
-from klute_sim.errors import InputError, SimulationError
+from klute_sim.errors import SimulationError
 from klute_sim.plant import callbacks
+from klute_sim.rendering.frames import RenderOptions
 from klute_sim.types import Array, Mask
 
 
 class ScheduledTaskEnv(DeviceEnv):
     """Single environment of a task."""
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": round(1.0 / CONTROL_INTERVAL)}  # noqa: RUF012
-
-    def __init__(self, task: ScheduledTask, backend: str, render_mode: None) -> None:
-        """Set up the environment of ``task``, which has one simulation, with a ``backend``, compiled or python.
-
-        Raises InputError for a ``render_mode``.
-        """
-        if render_mode is not None:
-            raise InputError(f"render_mode is {render_mode!r}; allowed: None")
-        super().__init__(task.max_episode_steps)
+    def __init__(self, task: ScheduledTask, backend: str, render_options: RenderOptions) -> None:
+        """Set up the environment of ``task``, which has one simulation, with a ``backend``, compiled or python."""
+        super().__init__(task.max_episode_steps, render_options)
+        render_options.check_camera(task.model)
         self._backend, self._task = backend, task
         self.model = task.model
         """MuJoCo model including the devices."""
         self.data = mujoco.MjData(self.model)
         """State of the simulation."""
-        self.render_mode = render_mode
         self.action_space = make_action_space(task.n_actions)
         self.observation_space = make_observation_space(task.observation_rows)
 
@@ -70,6 +63,9 @@ class ScheduledTaskEnv(DeviceEnv):
             bool(step.truncated[0]),
             step.get_first_info(),
         )
+
+    def _get_simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        return self.model, self.data
 
     def _read_states(self) -> Any:
         names = (field.name for field in fields(self._task.states_type))

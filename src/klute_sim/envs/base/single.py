@@ -7,15 +7,17 @@ from enum import Enum
 from typing import Any, Self
 
 import gymnasium
+import mujoco
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from klute_sim.envs.base.errors import ClosedEnvError, ResetNeededError
-from klute_sim.envs.base.rendering import SceneRenderer
 from klute_sim.envs.base.task import CONTROL_INTERVAL
 from klute_sim.envs.base.thread_guard import ThreadGuard
 from klute_sim.envs.base.validation import validate_action, validate_reset_options, validate_seed
+from klute_sim.rendering.frames import RENDER_MODES, VECTOR_RENDER_MODES, Frame, FrameSource, RenderOptions
+from klute_sim.rendering.graphics_context import has_display
 from klute_sim.types import Array
 
 Observation = NDArray[np.float32]
@@ -36,18 +38,29 @@ class EpisodeStatus(Enum):
 
 
 class DeviceEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
-    """Environment whose subclass implements the start of an episode, one step and the picture.
+    """Environment whose subclass implements the start of an episode and one step.
 
     A copy (copy.copy, copy.deepcopy or pickle) continues in mid-episode exactly as the original does.
     """
 
-    def __init__(self, max_episode_steps: int) -> None:
-        """Set up an environment without an episode; ``max_episode_steps`` is the length of the longest."""
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": list(RENDER_MODES),
+        "render_fps": round(1.0 / CONTROL_INTERVAL),
+    }
+
+    def __init__(self, max_episode_steps: int, render_options: RenderOptions | None = None) -> None:
+        """Set up an environment without an episode; ``max_episode_steps`` is the length of the longest.
+
+        Without ``render_options`` it draws nothing. Without a display, ``metadata`` does not list the mode ``human``.
+        """
+        if not has_display():
+            self.metadata = {**self.metadata, "render_modes": list(VECTOR_RENDER_MODES)}
+        self._frame_source = FrameSource(render_options or RenderOptions())
+        self.render_mode = self._frame_source.options.render_mode
         self.max_episode_steps = max_episode_steps
         """Number of steps after which every episode has been truncated."""
         self._thread_guard, self._status = ThreadGuard(), EpisodeStatus.NEW
         self._spec: EnvSpec | None = None
-        self._renderer: SceneRenderer | None = None
 
     @property
     def dt(self) -> float:
@@ -62,9 +75,9 @@ class DeviceEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
     def _advance(self, action: Array) -> Step:
         """Hold the valid ``action`` for one interval."""
 
-    def _draw(self) -> NDArray[np.uint8] | None:
-        """Return a picture of the simulation; None without a render mode."""
-        return None
+    @abstractmethod
+    def _get_simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """Return model and state of the simulation of an episode."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -80,6 +93,7 @@ class DeviceEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
             self._status = EpisodeStatus.INTERRUPTED
             started = self._start_episode()
             self._status = EpisodeStatus.RUNNING
+            self._show()
             return started
 
     def step(self, action: NDArray[np.float32]) -> Step:
@@ -96,10 +110,13 @@ class DeviceEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
             self._status = EpisodeStatus.INTERRUPTED
             step = self._advance(valid_action)
             self._status = EpisodeStatus.ENDED if step[2] or step[3] else EpisodeStatus.RUNNING
+            self._show()
             return step
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture; None without a render mode. The end of an episode can be drawn too.
+    def render(self) -> Frame | None:
+        """Return an image or distances; None without a render mode. The end of an episode can be drawn too.
+
+        The mode ``human`` shows every step in a window by itself, and returns None.
 
         Raises ResetNeededError before the first reset, ClosedEnvError, and ConcurrentUseError.
         """
@@ -107,18 +124,18 @@ class DeviceEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
             self._require_open()
             if self._status is EpisodeStatus.NEW:
                 raise ResetNeededError(f"{self._status.value}: call reset() before render()")
-            return self._draw()
+            return self._frame_source.draw(*self._get_simulation())
 
     def close(self) -> None:
         """Release all resources; the environment cannot be used afterwards. Closing again does nothing."""
         with self._thread_guard:
-            self._release_renderer()
+            self._frame_source.close()
             self._status = EpisodeStatus.CLOSED
 
-    def _release_renderer(self) -> None:
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+    def _show(self) -> None:
+        """Show the simulation in a window, as Gymnasium's mode ``human`` demands of every reset and step."""
+        if self.render_mode == "human":
+            self._frame_source.draw(*self._get_simulation())
 
     def _require_open(self) -> None:
         if self._status is EpisodeStatus.CLOSED:
@@ -135,12 +152,9 @@ class DeviceEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
         self._spec = None if spec is None else replace(spec, max_episode_steps=self.max_episode_steps)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the renderer, which belongs to one process.
-
-        Raises ConcurrentUseError while another thread steps.
-        """
+        """Return the whole state; raises ConcurrentUseError while another thread steps."""
         with self._thread_guard:
-            return self.__dict__ | {"_renderer": None}
+            return dict(self.__dict__)
 
     def __copy__(self) -> Self:
         """Return a deep copy, because two environments cannot share one simulation."""

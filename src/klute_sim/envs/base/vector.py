@@ -25,6 +25,7 @@ from klute_sim.envs.base.validation import (
     validate_seeds,
 )
 from klute_sim.errors import InputError
+from klute_sim.rendering.frames import DEFAULT_CAMERA, VECTOR_RENDER_MODES, Frame, FrameSource, RenderOptions
 from klute_sim.types import Array, Mask
 
 Observations = NDArray[np.float32]
@@ -42,8 +43,14 @@ class VectorOptions:
     """When an ended episode restarts."""
     max_episode_steps: int | None
     """Number of steps after which every episode is truncated; None or -1: only as the task says."""
-    render_mode: None
-    """None: a batch has no pictures."""
+    render_mode: str | None = None
+    """rgb_array or depth_array: one image of each environment; None: nothing."""
+    width: int = 480
+    """Width of an image [pixels]."""
+    height: int = 480
+    """Height of an image [pixels]."""
+    camera: str = DEFAULT_CAMERA
+    """Name of a camera of the model."""
 
     def __post_init__(self) -> None:
         """Raise InputError when an option is invalid."""
@@ -51,13 +58,21 @@ class VectorOptions:
         validate_count("n_jobs", self.n_jobs, 0)
         if self.max_episode_steps not in (None, -1):
             validate_count("max_episode_steps", self.max_episode_steps, 1)
-        if self.render_mode is not None:
-            raise InputError(f"render_mode is {self.render_mode!r}; allowed: None, because a batch has no pictures")
         try:
             object.__setattr__(self, "autoreset_mode", AutoresetMode(self.autoreset_mode))
         except ValueError:
             allowed = ", ".join(mode.value for mode in AutoresetMode)
             raise InputError(f"autoreset_mode is {self.autoreset_mode!r}; allowed: {allowed}") from None
+
+    def make_render_options(self) -> RenderOptions:
+        """Return what the environments draw; raises InputError when an option is invalid."""
+        return RenderOptions(
+            render_mode=self.render_mode,
+            width=self.width,
+            height=self.height,
+            camera=self.camera,
+            allowed_modes=VECTOR_RENDER_MODES,
+        )
 
 
 class DeviceVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], ABC):
@@ -66,7 +81,10 @@ class DeviceVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]
     A copy (copy.copy, copy.deepcopy or pickle) continues in mid-episode exactly as the original does.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 100}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": list(VECTOR_RENDER_MODES),
+        "render_fps": round(1.0 / CONTROL_INTERVAL),
+    }
 
     def __init__(
         self,
@@ -80,6 +98,8 @@ class DeviceVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]
         episode.
         """
         self._options = options
+        self._frame_source = FrameSource(options.make_render_options())
+        self.render_mode = options.render_mode
         self.num_envs, self._autoreset_mode = int(options.num_envs), AutoresetMode(options.autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._autoreset_mode}
         limit = options.max_episode_steps
@@ -223,14 +243,24 @@ class DeviceVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]
         infos |= mask_info(step.info, active, step.info_masks)
         return self._get_observations(), step.reward, step.terminated, truncated, infos
 
-    def render(self) -> None:
-        """Return None; raises ResetNeededError before the first reset, and ClosedEnvError."""
-        self._require_open()
-        if not self._rngs:
-            raise ResetNeededError(f"{self._obstacle}: call reset() before render()")
+    def render(self) -> tuple[Frame, ...] | None:
+        """Return an image or distances of each environment; None without a render mode.
+
+        Raises ResetNeededError before the first reset, ClosedEnvError, and ConcurrentUseError.
+        """
+        with self._thread_guard:
+            self._require_open()
+            if not self._rngs:
+                raise ResetNeededError(f"{self._obstacle}: call reset() before render()")
+            return None if self.render_mode is None else tuple(map(self._draw, range(self.num_envs)))
+
+    @abstractmethod
+    def _draw(self, index: int) -> Frame:
+        """Return the frame of environment ``index``; only called with a render mode."""
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Nothing to release: MuJoCo's threads end with the environment."""
+        """Release the graphics context; MuJoCo's threads end with the environment."""
+        self._frame_source.close()
 
     def _require_open(self) -> None:
         if self.closed:

@@ -1,4 +1,4 @@
-"""Pictures of a simulation, with or without a display.
+"""Graphics context for pictures with or without a display.
 
 MuJoCo opens a window system (GLFW) unless the environment variable ``MUJOCO_GL`` names another way before its import.
 On Linux without a display, this module therefore hands MuJoCo a context of EGL or OSMesa itself. A choice of the user
@@ -15,8 +15,6 @@ import warnings
 from typing import Any
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.errors import KluteSimError, MissingExtraError
 
@@ -36,37 +34,13 @@ class RenderingError(KluteSimError):
     """The system cannot draw pictures."""
 
 
-class SceneRenderer:
-    """Renderer of one model to pictures of one size."""
-
-    def __init__(self, model: mujoco.MjModel, height: int, width: int) -> None:
-        """Create the renderer; raises MissingExtraError or RenderingError when the system cannot draw."""
-        try:
-            self._renderer = _create_renderer(model, height, width, find_context_module())
-        except KluteSimError:
-            raise
-        except Exception as error:  # OpenGL libraries raise many types
-            choice = os.environ.get("MUJOCO_GL", "").strip()
-            advice = f"MUJOCO_GL is '{choice}': unset it, or {ADVICE}" if choice else ADVICE
-            raise RenderingError(f"MuJoCo cannot draw pictures ({error}); {advice}") from None
-
-    def draw(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> NDArray[np.uint8]:
-        """Return a picture, shape (height, width, 3), of ``data`` from ``camera``."""
-        self._renderer.update_scene(data, camera)
-        return np.array(self._renderer.render(), dtype=np.uint8)
-
-    def close(self) -> None:
-        """Release the graphics context."""
-        self._renderer.close()
-
-
-def find_context_module() -> str:
+def find_context_module(feature: str) -> str:
     """Return the module of the graphics context for this system; '' leaves the choice to MuJoCo.
 
-    Raises MissingExtraError without the optional extra, and RenderingError when nothing can draw.
+    ``feature`` names what needs it in errors. Raises MissingExtraError without the optional extra, and RenderingError
+    when nothing can draw.
     """
-    if not hasattr(mujoco, "Renderer") or any(importlib.util.find_spec(name) is None for name in REQUIRED_MODULES):
-        raise MissingExtraError("render_mode 'rgb_array'", "rendering")
+    check_rendering_extra(feature)
     if os.environ.get("MUJOCO_GL", "").strip() or not sys.platform.startswith("linux"):
         return ""
     # MuJoCo and PyOpenGL load one platform in a process, so that a second try is impossible: look before trying.
@@ -80,11 +54,20 @@ def find_context_module() -> str:
     raise RenderingError(f"pictures without a display need EGL or OSMesa, and this system has neither: {ADVICE}")
 
 
+def check_rendering_extra(feature: str) -> None:
+    """Raise MissingExtraError when the optional extra is missing, which ``feature`` needs."""
+    if not hasattr(mujoco, "Renderer") or any(importlib.util.find_spec(name) is None for name in REQUIRED_MODULES):
+        raise MissingExtraError(feature, "rendering")
+
+
 def has_display() -> bool:
-    """Return whether there is a display on which GLFW can open a window."""
-    if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
+    """Return whether there is a display on which GLFW, if it is installed, can open a window."""
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return False
-    import glfw
+    try:
+        import glfw
+    except ImportError:
+        return False
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # GLFW warns before it fails
@@ -123,7 +106,7 @@ def has_osmesa() -> bool:
     return False
 
 
-def _create_renderer(model: mujoco.MjModel, height: int, width: int, module: str) -> Any:
+def create_mujoco_renderer(model: mujoco.MjModel, height: int, width: int, module: str) -> Any:
     """Return MuJoCo's renderer with the graphics context of ``module``; '' leaves the choice to MuJoCo."""
     with _creation_lock, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # GLFW warns before it fails

@@ -8,10 +8,11 @@ import sys
 import pytest
 
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
-from klute_sim.envs.base import rendering
 from klute_sim.errors import MissingExtraError
+from klute_sim.rendering import graphics_context
+from klute_sim.rendering.graphics_context import RenderingError
 
-LIBRARIES = {"mujoco.egl": rendering.has_egl_device(), "mujoco.osmesa": rendering.has_osmesa()}
+LIBRARIES = {"mujoco.egl": graphics_context.has_egl_device(), "mujoco.osmesa": graphics_context.has_osmesa()}
 needs_library = pytest.mark.skipif(not any(LIBRARIES.values()), reason="neither EGL nor OSMesa is installed")
 
 PICTURE = """
@@ -30,9 +31,9 @@ import warnings
 warnings.simplefilter("error")
 import gymnasium, klute_sim
 from gymnasium.utils.env_checker import check_env
-for name in ("klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0"):
-    for mode in (None, *gymnasium.make(name).metadata["render_modes"]):
-        check_env(gymnasium.make(name, render_mode=mode).unwrapped)
+for name in ("klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0", "klute_sim/AntagonistJoint-v0"):
+    options = {"strides": 1, "time_step": 1e-3} if "Gait" in name else {"duration": 1.0}
+    check_env(gymnasium.make(name, width=64, height=64, **options).unwrapped)
 print("passed")
 """
 
@@ -54,7 +55,8 @@ def test_environments_pass_gymnasium_checker_in_all_render_modes() -> None:
 def test_every_installed_library_draws() -> None:
     for module, is_installed in LIBRARIES.items():
         if is_installed:
-            choice = f"from klute_sim.envs.base import rendering; rendering.find_context_module = lambda: {module!r}"
+            choice = "from klute_sim.rendering import renderer; renderer.find_context_module = "
+            choice += f"lambda feature: {module!r}"
             assert run_without_display(choice + PICTURE) == "(48, 64, 3) uint8 True", module
 
 
@@ -75,18 +77,18 @@ def without_display(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 
 def test_egl_is_preferred_to_osmesa(without_display: pytest.MonkeyPatch) -> None:
-    without_display.setattr(rendering, "has_osmesa", lambda: True)
+    without_display.setattr(graphics_context, "has_osmesa", lambda: True)
     for has_egl, module in ((True, "mujoco.egl"), (False, "mujoco.osmesa")):
-        without_display.setattr(rendering, "has_egl_device", lambda has_egl=has_egl: has_egl)
-        assert rendering.find_context_module() == module
+        without_display.setattr(graphics_context, "has_egl_device", lambda has_egl=has_egl: has_egl)
+        assert graphics_context.find_context_module("a picture") == module
     without_display.setenv("MUJOCO_GL", "osmesa")
-    assert rendering.find_context_module() == ""
+    assert graphics_context.find_context_module("a picture") == ""
 
 
 def test_missing_library_is_one_sentence_with_the_packages(without_display: pytest.MonkeyPatch) -> None:
     for name in ("has_egl_device", "has_osmesa"):
-        without_display.setattr(rendering, name, lambda: False)
-    with pytest.raises(rendering.RenderingError, match="install the Debian packages libegl1 and libgl1-mesa-dri, or"):
+        without_display.setattr(graphics_context, name, lambda: False)
+    with pytest.raises(RenderingError, match="install the Debian packages libegl1 and libgl1-mesa-dri, or"):
         AnkleGaitEnv(render_mode="rgb_array")
 
 
@@ -100,4 +102,9 @@ def test_missing_extra_is_one_sentence(without_display: pytest.MonkeyPatch) -> N
 def test_unusable_choice_of_the_user_is_one_sentence() -> None:
     last_line = run_without_display(PICTURE, MUJOCO_GL="glfw").splitlines()[-1]
     assert "RenderingError: MuJoCo cannot draw pictures" in last_line
-    assert last_line.endswith("unset it, or " + rendering.ADVICE)
+    assert last_line.endswith("unset it, or " + graphics_context.ADVICE)
+
+
+def test_window_without_a_display_is_one_sentence(without_display: pytest.MonkeyPatch) -> None:
+    with pytest.raises(RenderingError, match="render_mode 'human' opens a window"):
+        AnkleGaitEnv(render_mode="human")

@@ -1,0 +1,86 @@
+"""Window of MuJoCo's passive viewer, with the devices of the model."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+
+from klute_sim.rendering.device_shapes import add_devices, make_scene_option
+from klute_sim.rendering.graphics_context import RenderingError, check_rendering_extra, has_display
+
+KeyCallback = Callable[[int], None]
+"""Function that receives the code of a pressed key, in the viewer's thread."""
+
+
+class ViewerWindow:
+    """Window that shows one simulation; it is as fast as the simulation, but not faster than real time."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        camera: str,
+        feature: str,
+        key_callback: KeyCallback | None = None,
+    ) -> None:
+        """Open the window on ``camera`` of ``model``; ``feature`` names what needs it in errors.
+
+        Raises MissingExtraError without the optional extra, and RenderingError when the system has no display.
+        """
+        check_window(feature)
+        import mujoco.viewer
+
+        try:
+            self._handle: Any = mujoco.viewer.launch_passive(
+                model, data, key_callback=key_callback, show_left_ui=False, show_right_ui=False
+            )
+        except RuntimeError as error:  # macOS without mjpython
+            raise RenderingError(f"{feature} cannot open a window: {error}") from None
+        self._model, self._data, option = model, data, make_scene_option()
+        with self._handle.lock():
+            self._handle.cam.type = mujoco.mjtCamera.mjCAMERA_FIXED
+            self._handle.cam.fixedcamid = model.camera(camera).id
+            self._handle.opt.geomgroup[:] = option.geomgroup
+            self._handle.opt.flags[:] = option.flags
+        self._shown_at: tuple[float, float] | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the user has not closed the window."""
+        return bool(self._handle.is_running())
+
+    def show(self, text: str = "") -> None:
+        """Show the simulation as it is, with ``text`` in a corner, after waiting until real time has reached it."""
+        if not self.is_open:
+            return
+        self._wait()
+        with self._handle.lock():
+            self._handle.user_scn.ngeom = 0
+            add_devices(self._handle.user_scn, self._model, self._data)
+        if text:
+            self._handle.set_texts((None, mujoco.mjtGridPos.mjGRID_TOPLEFT, text, ""))
+        self._handle.sync()
+
+    def close(self) -> None:
+        """Close the window."""
+        self._handle.close()
+
+    def _wait(self) -> None:
+        """Wait until as much real time has passed since the last picture as simulated time; a reset starts anew."""
+        now, simulated = time.monotonic(), float(self._data.time)
+        if self._shown_at is not None and simulated > self._shown_at[1]:
+            remaining = (simulated - self._shown_at[1]) - (now - self._shown_at[0])
+            if remaining > 0.0:
+                time.sleep(remaining)
+        self._shown_at = time.monotonic(), simulated
+
+
+def check_window(feature: str) -> None:
+    """Raise MissingExtraError without the optional extra, and RenderingError when the system has no display."""
+    check_rendering_extra(feature)
+    if not has_display():
+        raise RenderingError(
+            f"{feature} opens a window, and this system has no display; draw images instead: render_mode 'rgb_array', "
+            "or klute-sim play --video walk.gif"
+        )
