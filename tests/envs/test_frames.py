@@ -149,11 +149,14 @@ def test_drawing_changes_no_bit_of_an_episode() -> None:
     ],
 )
 def test_invalid_options_are_refused(options: dict[str, Any], sentence: str) -> None:
+    def draw(create: Callable[..., Any], given: dict[str, Any]) -> None:
+        env = create(**{**given, "width": 64, "height": 48, "render_mode": "rgb_array", **options})
+        env.reset(seed=0)
+        env.render()
+
     for create, given in SINGLE.values():
         with pytest.raises(InputError, match=sentence):  # the model of a person exists from the first reset on
-            env = create(**{**given, "width": 64, "height": 48, "render_mode": "rgb_array", **options})
-            env.reset(seed=0)
-            env.render()
+            draw(create, given)
 
 
 def test_a_batch_has_no_window() -> None:
