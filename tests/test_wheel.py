@@ -35,7 +35,8 @@ def test_wheel_runs_outside_of_checkout(tmp_path: Path) -> None:
         "models/bench.xml",
         "models/gait_rig.xml",
         "controllers/tuned_profile.csv",
-        "training/default.toml",
+        "training/gait.toml",
+        "training/walk.toml",
     }
     assert {str(Path(name)) for name in required_files} <= files
     code = (

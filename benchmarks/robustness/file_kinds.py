@@ -272,7 +272,7 @@ KINDS = {
         Kind("policy", _policy, _each(learned.load_policy_controller), text=False),
         Kind(
             "training",
-            partial(_copied, "t.toml", lambda: (Path(config.__file__).parent / "default.toml").read_bytes()),
+            partial(_copied, "t.toml", lambda: (Path(config.__file__).parent / "gait.toml").read_bytes()),
             _each(config.load_config),
         ),
         Kind("catalogue", partial(_copied, "effects.py", CATALOGUE.encode), _load_catalogue),

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,15 @@ from klute_sim.controllers.policy import Policy
 from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import load_device
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
+from klute_sim.envs.ankle_walk import AnkleWalkEnv
 from klute_sim.errors import InputError
 from klute_sim.gait.code_digest import POLICY_KEY, compute_code_digest
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.units import BAR
+from klute_sim.walker.person.build import Prosthesis
+from klute_sim.walker.reflexes.walker_file import load_walker
+from klute_sim.walker.simulation.simulate import WalkOptions, simulate_walk
 
 
 def make_policy(inputs: int = 8, **environment: Any) -> Policy:
@@ -31,6 +36,11 @@ def make_policy(inputs: int = 8, **environment: Any) -> Policy:
     ]
     metadata = {"config": {"environment": {"action": "residual", "residual_bar": 0.7, **environment}}}
     return Policy(np.ones(inputs, np.float32), layers, "tanh", tanh_output=False, metadata=metadata)
+
+
+def make_walking_policy(**environment: Any) -> Policy:
+    policy = make_policy(**environment)
+    return replace(policy, metadata={**policy.metadata, "environment": "klute_sim/AnkleWalk-v0"})
 
 
 def test_command_is_profile_plus_residual() -> None:
@@ -75,6 +85,23 @@ def test_controller_acts_on_rig_as_in_environment() -> None:
     assert np.abs(rig_pressures[last_third] - env_pressures[last_third]).mean() < 0.1
 
 
+@pytest.mark.parametrize("options", [{}, {"sensor_delay": 2}, {"base": "profile"}], ids=["machine", "late", "profile"])
+def test_controller_acts_on_a_predicted_walk_as_in_its_environment(options: dict[str, Any]) -> None:
+    policy = make_walking_policy(**options)
+    env = AnkleWalkEnv(action="residual", residual_bar=0.7, walkers=["machine-1"], duration=2.0, **options)
+    observation, _ = env.reset(seed=0)
+    positions = []
+    for _ in range(199):
+        observation, _, terminated, *_ = env.step(policy(observation))
+        positions.append(float(env.data.qpos[0]))
+        assert not terminated
+    prosthesis = Prosthesis(device=load_device("klute-1-1-4-pair"))
+    controller = build_policy_controller(policy, "mine")
+    recording = simulate_walk(load_walker("machine-1"), prosthesis, controller, WalkOptions(seconds=2.0))
+    walked = recording["hip_x"][10::10]
+    assert np.abs(walked - np.array(positions)[: len(walked)]).max() < 1e-3
+
+
 def test_policy_file_is_a_controller(tmp_path: Path) -> None:
     make_policy().save(tmp_path / "p.npz")
     controller = parse.parse_controller(str(tmp_path / "p.npz"))
@@ -93,6 +120,7 @@ def test_policy_file_is_a_controller(tmp_path: Path) -> None:
         (make_policy(residual_bar=float("nan")), "residual_bar = nan"),
         (make_policy(residual_bar=-5.0), "residual_bar = -5"),
         (make_policy(sensor_delay=-3), "sensor_delay = -3"),
+        (make_walking_policy(base="off"), "changes the base 'off'; allowed: machine, profile"),
         (make_policy(sensor_delay=float("inf")), "does not state its training configuration"),
     ],
 )

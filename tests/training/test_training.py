@@ -19,10 +19,12 @@ from klute_sim.controllers.policy import load_policy
 from klute_sim.errors import InputError
 from klute_sim.gait.reference import load_reference
 from klute_sim.training import config, training
-from klute_sim.training.evaluate import compare_with_profile, run_episodes
+from klute_sim.training.environments import TRAINING_ENVIRONMENTS
+from klute_sim.training.evaluate import compare_with_baseline, run_episodes
 from tests.command_line import run
 from tests.gait.reference_files import write_reference_folder
 
+GAIT, WALK = TRAINING_ENVIRONMENTS["gait"], TRAINING_ENVIRONMENTS["walk"]
 SMALL_CONFIG = b"""
 algorithm = "ppo"
 num_envs = 4
@@ -53,12 +55,29 @@ def test_default_configuration_is_valid() -> None:
     assert run("train", "--show-config").stdout == content.decode()
 
 
+def test_default_configuration_of_the_walk_is_valid(tmp_path: Path) -> None:
+    configuration, content = config.load_config(None, "walk")
+    assert (configuration.env, configuration.environment["base"]) == ("walk", "machine")
+    assert configuration.training_environment is WALK
+    assert run("train", "--env", "walk", "--show-config").stdout == content.decode()
+    file = tmp_path / "mine.toml"
+    file.write_bytes(content)
+    assert config.load_config(file)[0] == config.load_config(file, "walk")[0] == configuration
+    with pytest.raises(InputError, match="has env = 'walk', and 'gait' is asked for"):
+        config.load_config(file, "gait")
+    with pytest.raises(InputError, match="the subject: the environment 'walk' has no 'mass'; allowed: device, foot"):
+        config.load_subject_config(None, {"mass": 70.0}, "walk")
+    assert config.load_subject_config(None, {"speed": 1.1}, "walk")[0].environment["speed"] == 1.1
+    with pytest.raises(InputError, match="base is 'constant:2'; allowed: machine, profile"):
+        config.parse_config(content.replace(b'"machine"', b'"constant:2"'), "mine")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         (SMALL_CONFIG.replace(b'"ppo"', b'"dqn"'), "algorithm = 'dqn' is refused: input should be 'ppo' or 'sac'"),
         (SMALL_CONFIG + b"[extra]\n", "unknown key 'extra'"),
-        (SMALL_CONFIG.replace(b"strides", b"stride"), "the environment has no 'stride'; allowed: device, mass"),
+        (SMALL_CONFIG.replace(b"strides", b"stride"), "the environment 'gait' has no 'stride'; allowed: device, mass"),
         (SMALL_CONFIG.replace(b"num_envs = 4", b"num_envs = 0"), "num_envs"),
         (b"algorithm = ", "is not valid TOML"),
         (b"\xff\xfe", "not a UTF-8 text file"),
@@ -128,15 +147,29 @@ def test_evaluation_uses_equal_random_numbers() -> None:
         "domain_randomization": {"mass_fraction": 0.2},
         "sensor_noise": 1.0,
     }
-    equal = compare_with_profile(lambda observed: np.zeros((len(observed), 1), dtype=np.float32), options, 4, 0)
-    assert equal["policy"] == equal["profile"]
+    equal = compare_with_baseline(GAIT, lambda observed: np.zeros((len(observed), 1), dtype=np.float32), options, 4, 0)
+    assert equal["policy"] == equal["baseline"]
     assert equal["gain"] == equal["n_better_episodes"] == 0
-    worse = compare_with_profile(lambda observed: np.ones((len(observed), 1), dtype=np.float32), options, 4, 0)
-    assert worse["profile"] == equal["profile"]
+    worse = compare_with_baseline(GAIT, lambda observed: np.ones((len(observed), 1), dtype=np.float32), options, 4, 0)
+    assert worse["baseline"] == equal["baseline"]
     assert worse["gain"] < -5.0
-    assert worse["policy"]["return"] - worse["profile"]["return"] == pytest.approx(worse["gain"])
+    assert worse["policy"]["return"] - worse["baseline"]["return"] == pytest.approx(worse["gain"])
     terms = sum(value for name, value in worse["policy"].items() if name.startswith("reward_"))
     assert terms == pytest.approx(worse["policy"]["return"])
+
+
+def test_walks_are_compared_with_the_base_controller() -> None:
+    """A policy that lowers the pressure by 1.5 bar makes the same persons lose what it costs them."""
+    options = {"action": "residual", "residual_bar": 1.5, "duration": 2.0, "gain_noise": 0.02}
+    result = compare_with_baseline(
+        WALK, lambda observed: np.full((len(observed), 1), -1.0, dtype=np.float32), options, 3, 0
+    )
+    assert result["baseline_name"] == "base controller"
+    assert result["baseline"]["steps"] == 200.0
+    assert result["gain"] < -1.0
+    terms = sum(value for name, value in result["policy"].items() if name.startswith("reward_"))
+    assert terms == pytest.approx(result["policy"]["return"])
+    assert set(result["policy"]) == {"return", "steps", *WALK.totals}
 
 
 def test_episode_totals_end_with_episode() -> None:
@@ -146,7 +179,7 @@ def test_episode_totals_end_with_episode() -> None:
         "time_step": 1e-3,
         "domain_randomization": {"speed_m_per_s": (0.9, 1.5)},
     }
-    configuration = run_episodes(lambda observed: np.zeros((len(observed), 1), dtype=np.float32), options, 3, 0)
+    configuration = run_episodes(GAIT, lambda observed: np.zeros((len(observed), 1), dtype=np.float32), options, 3, 0)
     for index in range(3):
         env = gymnasium.make("klute_sim/AnkleGait-v2", **options)
         env.reset(seed=10**12 + index)
@@ -204,10 +237,10 @@ def test_training_resumes_and_exports_its_network(algorithm: str, tmp_path: Path
 @pytest.mark.long
 def test_algorithm_gets_scaled_rewards_and_reports_returns_unscaled() -> None:
     pytest.importorskip("stable_baselines3")
-    from klute_sim.training.vec_env import REWARD_SCALE, GaitVecEnv
+    from klute_sim.training.vec_env import REWARD_SCALE, TrainingVecEnv
 
     options = {"action": "residual", "strides": 1, "time_step": 1e-3}
-    envs, rewards, returns = GaitVecEnv(2, 0, options), [], []
+    envs, rewards, returns = TrainingVecEnv(GAIT, 2, 0, options), [], []
     envs.reset()
     while not returns:
         envs.step_async(np.zeros((2, 1), dtype=np.float32))
@@ -216,6 +249,26 @@ def test_algorithm_gets_scaled_rewards_and_reports_returns_unscaled() -> None:
         returns += [info["episode"]["r"] for info in infos[:1] if "episode" in info]
     assert sum(rewards) == pytest.approx(REWARD_SCALE * returns[0], rel=1e-4)
     assert returns[0] > 50.0
+
+
+@pytest.mark.long
+def test_policy_of_a_walk_is_a_controller_of_walks(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    text = config.read_default_config("walk").decode().replace("num_envs = 16", "num_envs = 2")
+    text = text.replace("evaluation_episodes = 32", "evaluation_episodes = 2").replace(
+        "duration = 10.0", "duration = 1.0"
+    )
+    (tmp_path / "walk.toml").write_text(text.replace("n_steps = 256", "n_steps = 64"))
+    arguments = ("--config", "walk.toml", "--steps", "200", "--out", "walker", "--json")
+    completed = run("train", "--env", "walk", *arguments, cwd=tmp_path)
+    assert completed.returncode == 0, completed.stderr
+    summary = json.loads(completed.stdout)
+    assert (summary["env"], summary["baseline_name"]) == ("walk", "base controller")
+    walked = run("walk", "--controller", "walker/policy.npz", "--seconds", "2", "--out", "w", "--json", cwd=tmp_path)
+    assert walked.returncode == 0, walked.stderr
+    assert json.loads(walked.stdout)["controller"]["base"]["kind"] == "machine"
+    resumed = run("train", "--steps", "400", "--out", "walker", "--json", cwd=tmp_path)
+    assert json.loads(resumed.stdout)["steps"] >= 400
 
 
 @pytest.mark.long
@@ -307,6 +360,7 @@ def test_environments_pass_stable_baselines3_checker(recwarn: pytest.WarningsRec
     env_options = {
         "AnkleGait-v2": {"domain_randomization": {"mass_fraction": 0.1}, "sensor_noise": 1.0},
         "AnkleBench-v0": {"task": "work"},
+        "AnkleWalk-v0": {"action": "residual", "gain_noise": 0.02},
     }
     for name, options in env_options.items():
         recwarn.clear()

@@ -16,7 +16,7 @@ from klute_sim.errors import InputError
 from klute_sim.gait.subject import resolve_subject
 from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.training.config import load_subject_config
-from klute_sim.training.evaluate import compare_with_profile
+from klute_sim.training.evaluate import compare_with_baseline
 from klute_sim.training.folder import open_training_folder
 from klute_sim.training.training import Training, open_training
 from klute_sim.types import ProgressCallback
@@ -33,12 +33,12 @@ DEFAULT_TRAINING_MINUTES = 20.0
 
 @dataclass(frozen=True, repr=False)
 class TrainingResult:
-    """A finished training: the policy, its learning curve, and its comparison with the hand-tuned profile."""
+    """A finished training: the policy, its learning curve, and its comparison with a baseline."""
 
     training: Training
     """Training in its folder, which can be resumed."""
     comparison: dict[str, Any]
-    """Mean totals of an episode with the policy and with the hand-tuned profile, and the gain in return."""
+    """Mean totals of an episode with the policy and with the baseline, and the gain in return."""
     n_resumed_steps: int
     """Number of steps that the training in the folder had made before it resumed; 0 for a new training."""
 
@@ -62,6 +62,7 @@ class TrainingResult:
         """Content of summary.json."""
         progress = self.training.progress
         return {
+            "env": self.training.config.env,
             "algorithm": self.training.config.algorithm,
             "environment": self.training.config.environment,
             "seed": progress.seed,
@@ -72,7 +73,7 @@ class TrainingResult:
         }
 
     def format_summary(self) -> Summary:
-        """Yield the table of mean totals and the gain over the hand-tuned profile."""
+        """Yield the table of mean totals and the gain over the baseline."""
         yield self._build_table()
         summary = self.summary
         yield (
@@ -92,10 +93,10 @@ class TrainingResult:
         table = Table(title=title, box=box.SIMPLE_HEAD)
         table.add_column("mean per episode")
         table.add_column("policy", justify="right", style="bold")
-        table.add_column("hand-tuned\nprofile", justify="right")
+        table.add_column(summary["baseline_name"].replace(" ", "\n"), justify="right")
         for name, value in summary["policy"].items():
             digits = 3 if name == "air_g" else 2
-            table.add_row(name.replace("_", " "), f"{value:.{digits}f}", f"{summary['profile'][name]:.{digits}f}")
+            table.add_row(name.replace("_", " "), f"{value:.{digits}f}", f"{summary['baseline'][name]:.{digits}f}")
         return table
 
     def __repr__(self) -> str:
@@ -139,6 +140,7 @@ class TrainingResult:
 def train(
     config: str | Path | None = None,
     *,
+    env: str | None = None,
     minutes: float | None = None,
     steps: int | None = None,
     seed: int | None = None,
@@ -153,12 +155,15 @@ def train(
     folder: str | Path | None = None,
     progress: ProgressCallback | None = None,
 ) -> TrainingResult:
-    """Train a control policy and compare it with the hand-tuned profile in the same episodes.
+    """Train a control policy and compare it with a baseline in the same episodes.
 
-    The numbers of a subject replace those of the configuration; ranges of its domain randomisation stay.
+    The baseline of the gait rig is the hand-tuned profile, that of a predicted walk the base controller. The numbers of
+    a subject replace those of the configuration; ranges of its domain randomisation stay.
 
     Args:
         config: Path of a configuration file (TOML); None: the shipped one, or that of the training in ``folder``.
+        env: ``"gait"``, the gait rig, or ``"walk"``, a person who walks by muscles and reflexes. None: that of the
+            configuration, or the gait rig.
         minutes: Total duration [min], without interruptions; None: 20, unless ``steps`` is given.
         steps: Total number of environment steps in place of ``minutes``; such a training is reproducible.
         seed: Random seed; None: 0, or that of the training in ``folder``.
@@ -178,12 +183,13 @@ def train(
     if minutes is not None and steps is not None:
         raise InputError("minutes and steps exclude each other; give one of them")
     subject = _collect_subject(reference, foot, stride_time, accept, mass, stature, speed, slope)
-    if config is not None or subject:
-        settings, _ = load_subject_config(config, subject)  # before a folder is made
-        _check_subject(settings.environment)
+    if config is not None or env is not None or subject:
+        settings, _ = load_subject_config(config, subject, env)  # before a folder is made
+        if settings.env == "gait":
+            _check_subject(settings.environment)
     lock = open_training_folder(folder)
     try:
-        training = open_training(lock.folder, config, seed, subject)
+        training = open_training(lock.folder, config, seed, subject, env)
     except BaseException:
         lock.release()
         with suppress(OSError):  # it has files of an earlier attempt
@@ -242,7 +248,11 @@ def _run(
     settings = training.config
     if progress is not None:
         progress(1.0, "evaluating")
-    comparison = compare_with_profile(
-        training.export_policy(), settings.environment, settings.evaluation_episodes, training.progress.seed
+    comparison = compare_with_baseline(
+        settings.training_environment,
+        training.export_policy(),
+        settings.environment,
+        settings.evaluation_episodes,
+        training.progress.seed,
     )
     return TrainingResult(training, comparison, n_resumed_steps)

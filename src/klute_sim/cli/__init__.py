@@ -41,7 +41,7 @@ COMMANDS = {
     "export": ("klute_sim.cli.export", "Export motion and loads of a run as OpenSim, CSV or Parquet files."),
     "plan": ("klute_sim.cli.plan", "Plan bench measurements for a diagnosis: commands and files to record."),
     "tune": ("klute_sim.cli.tune", "Tune a pressure profile, and optionally the device, in simulated gait."),
-    "train": ("klute_sim.cli.train", "Train a control policy and compare it with the hand-tuned profile."),
+    "train": ("klute_sim.cli.train", "Train a control policy and compare it with a baseline."),
     "baselines": ("klute_sim.cli.baselines", "Simulate passive feet and standard controllers for comparison."),
     "assess": ("klute_sim.cli.assess", "Assess whether a prosthesis serves a person, and where it falls short."),
     "compare": ("klute_sim.cli.compare", "Compare recordings over gait phase or time."),

@@ -11,6 +11,12 @@ from klute_sim.cli import common
 
 @click.command("train")
 @click.option(
+    "--env",
+    type=click.Choice(["gait", "walk"]),
+    default=None,
+    help="Gait rig, or a person who walks by muscles and reflexes.  [default: gait, or as the configuration says]",
+)
+@click.option(
     "--minutes",
     type=click.FloatRange(min=0.0, min_open=True),
     default=None,
@@ -54,6 +60,7 @@ from klute_sim.cli import common
 )
 @common.json_option()
 def command(
+    env: str | None,
     minutes: float | None,
     steps: int | None,
     seed: int | None,
@@ -63,13 +70,15 @@ def command(
     as_json: bool,
     **subject: Any,
 ) -> None:
-    """Train a control policy for walking and compare it with the hand-tuned profile.
+    """Train a control policy for walking and compare it with a baseline.
 
-    After the training, the policy and the hand-tuned profile are simulated in the same episodes. Ctrl-C stops the
+    The baseline is the hand-tuned profile on the gait rig, and with --env walk the state machine.
+    After the training, policy and baseline are simulated in the same episodes. Ctrl-C stops the
     training and keeps its checkpoint; the same command with the same --out resumes it, and with a larger --minutes
     or --steps trains on.
 
-    The subject, such as --reference, replaces that of the configuration; its domain randomisation stays.
+    The subject, such as --reference, replaces that of the configuration; its domain randomisation stays. The person of
+    --env walk is always the same: of these options it takes --foot and --speed, the target.
 
     Writes the configuration, the checkpoint, summary.json, learning_curve.png and policy.npz. The last contains plain
     numbers, which klute_sim.controllers.policy evaluates with NumPy alone. Needs the optional extra 'rl'
@@ -80,13 +89,14 @@ def command(
       klute-sim train --minutes 20 --seed 0 --out my-policy
       klute-sim train --out my-policy --minutes 40
       klute-sim train --reference my-subject --out mine
+      klute-sim train --env walk --out my-walking-policy
       klute-sim train --show-config
     """
     from klute_sim.errors import InputError
     from klute_sim.training.config import read_default_config
 
     if show_config:
-        click.echo(read_default_config().decode(), nl=False)
+        click.echo(read_default_config(env or "gait").decode(), nl=False)
         return
     if minutes is not None and steps is not None:
         raise InputError("--minutes and --steps exclude each other")
@@ -95,7 +105,8 @@ def command(
     from klute_sim.cli.console import progress_bar, stderr_console, stdout_console
 
     with progress_bar("training") as progress:
-        result = train(config_path, minutes=minutes, steps=steps, seed=seed, folder=out, progress=progress, **subject)
+        limits: dict[str, Any] = {"minutes": minutes, "steps": steps}
+        result = train(config_path, env=env, seed=seed, folder=out, progress=progress, **limits, **subject)
     result.save()
     if result.n_resumed_steps:
         stderr_console().print(f"The training in {result.folder} resumed after {result.n_resumed_steps} steps.")

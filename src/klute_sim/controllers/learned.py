@@ -1,9 +1,10 @@
-"""Controller with a learned policy: a bounded change of a base profile at the estimated gait phase."""
+"""Controller with a learned policy: a bounded change of a profile at the estimated phase, or of a state machine."""
 
+import copy
 import hashlib
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,23 @@ import numpy as np
 from klute_sim.controllers.feedback import SensorReadings
 from klute_sim.controllers.policy import Policy, load_policy
 from klute_sim.controllers.pressure import PressureProfile, load_default_profile
+from klute_sim.controllers.state_machine import StateMachine, load_default_state_machine
 from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
 N_OBSERVATIONS = 8
-"""Number of observations that ``klute_sim/AnkleGait-v2`` gives to a policy."""
+"""Number of observations that the environments give to a policy."""
+WALK_ENVIRONMENT = "klute_sim/AnkleWalk"
+"""Beginning of the name of the environment in which a policy changes a base controller of any kind."""
+BASES: dict[str, Callable[[], PressureProfile | StateMachine]] = {
+    "machine": load_default_state_machine,
+    "profile": load_default_profile,
+}
+"""Base controllers that a policy file can name."""
 
 
 class PolicyController:
-    """Apply a ``policy`` that was trained in ``klute_sim/AnkleGait-v2`` with the action ``residual``.
+    """Apply a ``policy`` that was trained with the action ``residual``.
 
     The observations have the delay of the training environment and no noise.
     """
@@ -29,10 +38,17 @@ class PolicyController:
     """Time between commands [s], as in the environment."""
 
     def __init__(
-        self, policy: Policy, base_profile: PressureProfile, max_residual: float, delay_intervals: int = 0
+        self,
+        policy: Policy,
+        base: PressureProfile | StateMachine,
+        max_residual: float,
+        delay_intervals: int = 0,
+        *,
+        is_phase_late: bool = False,
     ) -> None:
-        """Change ``base_profile`` by at most ``max_residual`` [Pa]; sensors are late by ``delay_intervals`` intervals.
+        """Change the pressure of ``base`` by at most ``max_residual`` [Pa].
 
+        Sensors are late by ``delay_intervals`` intervals; ``is_phase_late`` states whether the estimated phase is, too.
         Raises InputError when the policy has other inputs or outputs than the environment.
         """
         if len(policy.observation_scale) != N_OBSERVATIONS or len(policy.layers[-1][1]) != 1:
@@ -40,20 +56,26 @@ class PolicyController:
                 f"the policy has {len(policy.observation_scale)} inputs and {len(policy.layers[-1][1])} outputs; "
                 f"allowed: {N_OBSERVATIONS} and 1, as in klute_sim/AnkleGait-v2"
             )
-        self._policy, self._base_profile = policy, base_profile
+        self._policy, self._base, self._is_phase_late = policy, copy.copy(base), is_phase_late
         self._max_residual, self._delay_intervals = max_residual, delay_intervals
-        self._observations: deque[list[float]] = deque(maxlen=1 + delay_intervals)
+        self._readings: deque[SensorReadings] = deque(maxlen=1 + delay_intervals)
 
     def reset(self) -> None:
-        """Forget the delayed observations."""
-        self._observations.clear()
+        """Forget the delayed readings, and restart the base controller."""
+        self._readings.clear()
+        if isinstance(self._base, StateMachine):
+            self._base.reset()
 
     def command(self, readings: SensorReadings) -> float:
         """Return the commanded gauge pressure [Pa] until the next call."""
-        self._observations.append([*readings[:5], readings.pressure / BAR])
-        phase_angle = 2.0 * math.pi * readings.phase
-        action = float(self._policy([*self._observations[0], math.sin(phase_angle), math.cos(phase_angle)])[0])
-        return max(0.0, self._base_profile.pressure_at(readings.phase) + self._max_residual * action)
+        self._readings.append(readings)
+        sensed = self._readings[0]
+        phase = sensed.phase if self._is_phase_late else readings.phase
+        angle = 2.0 * math.pi * phase
+        observation = [*sensed[:5], sensed.pressure / BAR, math.sin(angle), math.cos(angle)]
+        action = float(self._policy(observation)[0])
+        pressure = self._base.command(sensed) if isinstance(self._base, StateMachine) else self._base.pressure_at(phase)
+        return max(0.0, pressure + self._max_residual * action)
 
     @property
     def metadata(self) -> Mapping[str, Any]:
@@ -67,7 +89,7 @@ class PolicyController:
         return {
             "kind": "policy",
             "sha256": digest,
-            "base": self._base_profile.describe(),
+            "base": self._base.describe(),
             "residual_bar": self._max_residual / BAR,
             "delay_intervals": self._delay_intervals,
             "metadata": dict(self._policy.metadata),
@@ -89,6 +111,8 @@ def build_policy_controller(policy: Policy, source: str) -> PolicyController:
         action = environment.get("action", "pressure")
         residual_bar = float(environment.get("residual_bar", 1.0))
         delay_intervals = int(environment.get("sensor_delay", 0))
+        is_walk = str(policy.metadata.get("environment", "")).startswith(WALK_ENVIRONMENT)
+        base = str(environment.get("base", "machine")) if is_walk else "profile"
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise InputError(f"policy {source} does not state its training configuration; train it again") from None
     if not (0.0 <= residual_bar <= 20.0 and 0 <= delay_intervals <= 100):  # also rejects NaN
@@ -97,5 +121,9 @@ def build_policy_controller(policy: Policy, source: str) -> PolicyController:
             "allowed: 0 to 20 bar, 0 to 100 intervals"
         )
     if action != "residual":
-        raise InputError(f"policy {source} has the action '{action}'; allowed: residual, a bounded change of a profile")
-    return PolicyController(policy, load_default_profile(), residual_bar * BAR, delay_intervals)
+        raise InputError(
+            f"policy {source} has the action '{action}'; allowed: residual, a bounded change of a base controller"
+        )
+    if base not in BASES:
+        raise InputError(f"policy {source} changes the base '{base}'; allowed: {', '.join(BASES)}")
+    return PolicyController(policy, BASES[base](), residual_bar * BAR, delay_intervals, is_phase_late=is_walk)

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from klute_sim.controllers.learned import WALK_ENVIRONMENT
 from klute_sim.effects import catalogue
 from klute_sim.plant import models
 
@@ -31,9 +32,14 @@ def compute_code_digest(*more_paths: str) -> str:
     return hashlib.sha256(content + catalogue.read_user_source()).hexdigest()
 
 
+def compute_policy_digest(environment: str) -> str:
+    """Return the digest of the code of an ``environment`` (its Gymnasium name) in which a policy was trained."""
+    return compute_code_digest("walker") if environment.startswith(WALK_ENVIRONMENT) else compute_code_digest()
+
+
 def describe_policy_code(metadata: Mapping[str, Any]) -> str:
     """Return a sentence if a policy with this ``metadata`` was not trained in the installed simulation; else ''."""
-    trained, installed = metadata.get(POLICY_KEY), compute_code_digest()
+    trained, installed = metadata.get(POLICY_KEY), compute_policy_digest(str(metadata.get("environment", "")))
     if trained is None:
         return (
             "The policy does not record the code of the simulation it was trained in (not recorded): laws, device and "

@@ -15,7 +15,7 @@ def build_figure(rows: Sequence[Sequence[float]], summary: Mapping[str, Any]) ->
         figure = Figure(figsize=(7.0, 4.0), layout="constrained")
         axis = figure.subplots()
         axis.plot([row[1] for row in rows], [row[3] for row in rows], color="#1f77b4", label="policy, exploring")
-        for name, label, style in (("policy", "policy, evaluated", "-"), ("profile", "hand-tuned profile", "--")):
+        for name, label, style in (("policy", "policy, evaluated", "-"), ("baseline", summary["baseline_name"], "--")):
             axis.axhline(summary[name]["return"], color="#333333", linestyle=style, linewidth=1.0, label=label)
         axis.set_xlabel("environment steps")
         axis.set_ylabel("episode return")

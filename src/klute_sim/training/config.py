@@ -1,21 +1,22 @@
 """Configuration of a training: a TOML file."""
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from klute_sim.envs.ankle_gait_vector import AnkleGaitVectorEnv
+from klute_sim.controllers.learned import BASES
 from klute_sim.errors import InputError
 from klute_sim.files.limits import TRAINING_CONFIG
 from klute_sim.files.reading import read_bytes
 from klute_sim.files.toml import format_toml, parse_toml, validation_sentence
 from klute_sim.gait.reference import load_reference
+from klute_sim.training.environments import TRAINING_ENVIRONMENTS, TrainingEnvironment
 
-EXCLUDED_KEYWORDS = ("self", "num_envs", "autoreset_mode", "max_episode_steps", "render_mode")
+EXCLUDED_KEYWORDS = ("num_envs", "autoreset_mode", "max_episode_steps", "render_mode")
 """Keywords of the vector environment that a configuration cannot set."""
 
 
@@ -24,6 +25,8 @@ class TrainingConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
+    env: Literal["gait", "walk"] = "gait"
+    """Environment, one of :data:`klute_sim.training.environments.TRAINING_ENVIRONMENTS`."""
     algorithm: Literal["ppo", "sac"]
     """Algorithm of Stable-Baselines3."""
     num_envs: Annotated[int, Field(ge=1, le=4096)]
@@ -46,37 +49,56 @@ class TrainingConfig(BaseModel):
     """Keywords of the algorithm SAC."""
 
     @property
+    def training_environment(self) -> TrainingEnvironment:
+        """Return the selected environment."""
+        return TRAINING_ENVIRONMENTS[self.env]
+
+    @property
     def algorithm_options(self) -> dict[str, Any]:
         """Return the keywords of the selected algorithm."""
         return dict(getattr(self, self.algorithm))
 
 
-def read_default_config() -> bytes:
-    """Return the content of the default configuration file."""
-    return (resources.files("klute_sim.training") / "default.toml").read_bytes()
+def read_default_config(env: str = "gait") -> bytes:
+    """Return the content of the default configuration file of the environment ``env``."""
+    return (resources.files("klute_sim.training") / TRAINING_ENVIRONMENTS[env].config_file).read_bytes()
 
 
-def load_config(path: str | Path | None) -> tuple[TrainingConfig, bytes]:
-    """Return the configuration of a file (None: the default) and its content; raises InputError when it is invalid."""
+def load_config(path: str | Path | None, env: str | None = None) -> tuple[TrainingConfig, bytes]:
+    """Return the configuration of a file and its content.
+
+    ``path`` None is the default configuration of ``env``, or of the gait. Raises InputError when the configuration is
+    invalid or belongs to another environment than ``env``.
+    """
     if path is None:
-        return parse_config(read_default_config(), "default.toml"), read_default_config()
+        name = env or "gait"
+        content = read_default_config(name)
+        return parse_config(content, TRAINING_ENVIRONMENTS[name].config_file), content
     content = read_bytes(path, TRAINING_CONFIG)
-    return parse_config(content, str(path)), content
+    config = parse_config(content, str(path))
+    if env not in (None, config.env):
+        raise InputError(
+            f"configuration {path} has env = '{config.env}', and '{env}' is asked for: leave one of them out"
+        )
+    return config, content
 
 
-def load_subject_config(path: str | Path | None, subject: Mapping[str, Any]) -> tuple[TrainingConfig, bytes]:
-    """Return the configuration of a file (None: the default) and its content, for a ``subject``.
+def load_subject_config(
+    path: str | Path | None, subject: Mapping[str, Any], env: str | None = None
+) -> tuple[TrainingConfig, bytes]:
+    """Return the configuration of a file (None: the default of ``env``) and its content, for a ``subject``.
 
     ``subject`` holds keywords of the environment, which replace those of the file. The path of a reference becomes
     absolute, and the digest of its curves is part of the configuration, so that a training resumes with the same gait.
 
     Raises InputError when the configuration is invalid or the reference cannot be read.
     """
-    config, content = load_config(path)
+    config, content = load_config(path, env)
     environment = {**config.environment, **subject}
     reference = environment.get("reference")
     if not subject and reference is None:
         return config, content
+    _check_keywords(config.env, subject, "the subject")
     changes: dict[str, Any] = {"environment": environment}
     if reference is not None:
         changes["reference_sha256"] = compute_reference_digest(environment)
@@ -101,10 +123,17 @@ def parse_config(content: bytes, source: str) -> TrainingConfig:
         config = TrainingConfig.model_validate(parse_toml(content, f"configuration {source}"))
     except ValidationError as error:
         raise InputError(f"configuration {source}: {validation_sentence(error, TrainingConfig)}") from None
-    known = [
-        name for name in inspect.signature(AnkleGaitVectorEnv.__init__).parameters if name not in EXCLUDED_KEYWORDS
-    ]
-    for name in config.environment:
-        if name not in known:
-            raise InputError(f"configuration {source}: the environment has no '{name}'; allowed: {', '.join(known)}")
+    _check_keywords(config.env, config.environment, f"configuration {source}")
+    base = config.environment.get("base", "machine")
+    if base not in BASES:
+        raise InputError(f"configuration {source}: base is '{base}'; allowed: {', '.join(BASES)}")
     return config
+
+
+def _check_keywords(env: str, keywords: Iterable[str], source: str) -> None:
+    """Raise InputError when the environment ``env`` lacks one of the ``keywords``, which come from ``source``."""
+    parameters = inspect.signature(TRAINING_ENVIRONMENTS[env].make_envs).parameters
+    known = [name for name in parameters if name not in EXCLUDED_KEYWORDS]
+    for name in keywords:
+        if name not in known:
+            raise InputError(f"{source}: the environment '{env}' has no '{name}'; allowed: {', '.join(known)}")

@@ -1,4 +1,4 @@
-"""Evaluation of a policy against the hand-tuned profile in the same environment with the same random numbers."""
+"""Evaluation of a policy against the baseline of its environment, with the same random numbers."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -6,20 +6,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.envs.ankle_gait_vector import AnkleGaitVectorEnv
-from klute_sim.envs.tasks.reward import REWARD_TERMS
+from klute_sim.training.environments import TrainingEnvironment
 
 EVALUATION_SEED_OFFSET = 10**12
 """Offset between the seeds of training, which count its steps, and those of evaluation."""
+Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+"""Policy: actions (n, 1) for observations (n, 8)."""
 
 
 def run_episodes(
-    policy: Callable[[NDArray[np.float32]], NDArray[np.float32]], options: Mapping[str, Any], n_episodes: int, seed: int
+    environment: TrainingEnvironment, policy: Act, options: Mapping[str, Any], n_episodes: int, seed: int
 ) -> dict[str, list[float]]:
-    """Return the return, steps, air [g] and sum of each reward term of ``n_episodes`` episodes of ``policy``."""
-    envs = AnkleGaitVectorEnv(n_episodes, **options)
+    """Return the return, steps and all totals of the ``environment`` of ``n_episodes`` episodes of ``policy``."""
+    envs = environment.make_envs(n_episodes, **options)
     observation, _ = envs.reset(seed=seed + EVALUATION_SEED_OFFSET)
-    names = ("return", "steps", "air_g", *REWARD_TERMS)
+    names = ("return", "steps", *environment.totals)
     sums = {name: np.zeros(n_episodes) for name in names}
     active = np.ones(n_episodes, dtype=np.bool_)
     while active.any():
@@ -32,21 +33,25 @@ def run_episodes(
     return {name: values.tolist() for name, values in sums.items()}
 
 
-def compare_with_profile(
-    policy: Callable[[NDArray[np.float32]], NDArray[np.float32]], options: Mapping[str, Any], n_episodes: int, seed: int
+def compare_with_baseline(
+    environment: TrainingEnvironment, policy: Act, options: Mapping[str, Any], n_episodes: int, seed: int
 ) -> dict[str, Any]:
-    """Compare ``policy`` with the hand-tuned profile over ``n_episodes`` episodes."""
-    policy_totals = run_episodes(policy, options, n_episodes, seed)
-    # A residual of zero is the profile at the estimated phase.
+    """Compare ``policy`` with the baseline of the ``environment`` over ``n_episodes`` episodes."""
+    policy_totals = run_episodes(environment, policy, options, n_episodes, seed)
     residual_options = {**options, "action": "residual"}
-    profile_totals = run_episodes(
-        lambda observation: np.zeros((n_episodes, 1), dtype=np.float32), residual_options, n_episodes, seed
+    baseline_totals = run_episodes(
+        environment,
+        lambda observation: np.zeros((n_episodes, 1), dtype=np.float32),
+        residual_options,
+        n_episodes,
+        seed,
     )
-    gain = np.array(policy_totals["return"]) - np.array(profile_totals["return"])
+    gain = np.array(policy_totals["return"]) - np.array(baseline_totals["return"])
     return {
         "episodes": n_episodes,
+        "baseline_name": environment.baseline,
         "policy": _mean_totals(policy_totals),
-        "profile": _mean_totals(profile_totals),
+        "baseline": _mean_totals(baseline_totals),
         "gain": float(gain.mean()),
         "gain_standard_error": float(gain.std(ddof=1) / np.sqrt(n_episodes)),
         "n_better_episodes": int((gain > 0.0).sum()),

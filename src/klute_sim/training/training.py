@@ -18,7 +18,7 @@ from klute_sim.files.json import read_json
 from klute_sim.files.limits import RESULT
 from klute_sim.files.lines import read_csv_records
 from klute_sim.files.reading import MissingFileError
-from klute_sim.gait.code_digest import POLICY_KEY, compute_code_digest
+from klute_sim.gait.code_digest import POLICY_KEY, compute_policy_digest
 from klute_sim.provenance import collect_versions
 from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.training.checkpoint import load_checkpoint
@@ -64,13 +64,14 @@ class Training:
             import torch
         except ImportError:
             raise MissingExtraError("klute-sim train", "rl") from None
-        from klute_sim.training.vec_env import GaitVecEnv
+        from klute_sim.training.vec_env import TrainingVecEnv
 
         torch.set_num_threads(1)  # the networks are small: more threads would only take cores from the simulations
         self.folder, self.config, self.progress = folder, config, progress
         algorithm = getattr(stable_baselines3, config.algorithm.upper())
         # A resumed training samples other episodes than it started with.
-        envs = GaitVecEnv(config.num_envs, progress.seed + progress.steps, config.environment)
+        seed = progress.seed + progress.steps
+        envs = TrainingVecEnv(config.training_environment, config.num_envs, seed, config.environment)
         activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[config.activation]
         algorithm_options = config.algorithm_options
         policy_options = {"net_arch": list(config.hidden), "activation_fn": activation}
@@ -164,30 +165,35 @@ class Training:
             linear_layers.append(network.action_net)
         layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear_layers]
         metadata = {
-            "environment": "klute_sim/AnkleGait-v2",
+            "environment": self.config.training_environment.id,
             "config": self.config.model_dump(),
             "seed": self.progress.seed,
             "steps": self.progress.steps,
             "minutes": self.progress.minutes,
             "versions": collect_versions(),
-            POLICY_KEY: compute_code_digest(),
+            POLICY_KEY: compute_policy_digest(self.config.training_environment.id),
         }
         return Policy(OBSERVATION_SCALE, layers, self.config.activation, is_squashed, metadata)
 
 
 def open_training(
-    folder: Path, config_path: str | Path | None, seed: int | None, subject: Mapping[str, Any] | None = None
+    folder: Path,
+    config_path: str | Path | None,
+    seed: int | None,
+    subject: Mapping[str, Any] | None = None,
+    env: str | None = None,
 ) -> Training:
     """Return the training in the locked ``folder``: the one that it holds, else a new one.
 
     ``config_path`` and ``seed`` are those of the training; None: the shipped configuration and 0 for a new training.
-    ``subject`` holds keywords of the environment, which replace those of the configuration; None: no keyword.
+    ``subject`` holds keywords of the environment, which replace those of the configuration; None: no keyword. ``env``
+    names the environment; None: that of the configuration.
 
     Raises InputError when they differ from those of the training in the folder, or when it is damaged.
     """
     if (folder / CONFIG_FILE).exists():
-        return _resume_training(folder, config_path, seed, subject or {})
-    config, content = load_subject_config(config_path, subject or {})
+        return _resume_training(folder, config_path, seed, subject or {}, env)
+    config, content = load_subject_config(config_path, subject or {}, env)
     training = Training(folder, config, TrainingProgress(seed or 0))
     write_atomically(folder / CONFIG_FILE, content)
     training.save_progress()
@@ -195,9 +201,9 @@ def open_training(
 
 
 def _resume_training(
-    folder: Path, config_path: str | Path | None, seed: int | None, subject: Mapping[str, Any]
+    folder: Path, config_path: str | Path | None, seed: int | None, subject: Mapping[str, Any], env: str | None
 ) -> Training:
-    config, content = load_config(folder / CONFIG_FILE)
+    config, content = load_config(folder / CONFIG_FILE, env)
     if config_path is not None and load_subject_config(config_path, subject)[1] != content:
         raise InputError(
             f"output folder {folder} holds a training with another configuration: leave the configuration out to "

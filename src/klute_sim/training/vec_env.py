@@ -9,8 +9,8 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from klute_sim.envs.ankle_gait_vector import AnkleGaitVectorEnv
 from klute_sim.errors import KluteSimError
+from klute_sim.training.environments import TrainingEnvironment
 
 OBSERVATION_SCALE = np.array([0.2, 2.0, 0.5, 3.0, 1.0, 3.0, 1.0, 1.0], dtype=np.float32)
 """Typical magnitudes of the observations in walking, in their units (assumed)."""
@@ -22,15 +22,15 @@ its errors would hide what an action changes. The returns in the learning curve 
 """
 
 
-class GaitVecEnv(VecEnv):  # type: ignore[misc]
+class TrainingVecEnv(VecEnv):  # type: ignore[misc]
     """Vector environment with observations divided by :data:`OBSERVATION_SCALE` and rewards times :data:`REWARD_SCALE`.
 
     Ended episodes restart in the same step.
     """
 
-    def __init__(self, n_envs: int, seed: int, options: dict[str, Any]) -> None:
-        """Create ``n_envs`` environments with the keywords ``options``; the first reset uses ``seed``."""
-        self.envs = AnkleGaitVectorEnv(n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **options)
+    def __init__(self, environment: TrainingEnvironment, n_envs: int, seed: int, options: dict[str, Any]) -> None:
+        """Create ``n_envs`` of an ``environment`` with the keywords ``options``; the first reset uses ``seed``."""
+        self.envs = environment.make_envs(n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **options)
         unscaled = self.envs.single_observation_space
         assert isinstance(unscaled, spaces.Box)
         space: Any = spaces.Box(unscaled.low / OBSERVATION_SCALE, unscaled.high / OBSERVATION_SCALE, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Viewer recording of a training: learning curve, and the policy compared with the hand-tuned profile."""
+"""Viewer recording of a training: learning curve, and the policy compared with a baseline."""
 
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from klute_sim.viewer.stream import BLUE, GREEN, ORANGE, VIOLET, SeriesLine
 
 TIMELINE, SUMMARY_ENTITY = "steps", "summary"
 PLOTS = {
-    "episode return": ("curve/episode_return", "evaluated/policy", "evaluated/profile"),
+    "episode return": ("curve/episode_return", "evaluated/policy", "evaluated/baseline"),
     "steps per episode": ("curve/episode_steps",),
     "minutes": ("curve/minutes",),
 }
@@ -44,7 +44,7 @@ def rebuild_recording(folder: Path, path: Path) -> None:
 
 
 def build_lines(curve: dict[str, Array], summary: dict[str, Any] | None) -> list[SeriesLine]:
-    """Build the lines of the learning curve and, after the evaluation, of the returns of policy and profile."""
+    """Build the lines of the learning curve and, after the evaluation, of the returns of policy and baseline."""
     lines = [
         SeriesLine("curve/episode_return", "policy, exploring", BLUE, 2.0, curve["episode_return"]),
         SeriesLine("curve/episode_steps", "steps per episode", VIOLET, 2.0, curve["episode_steps"]),
@@ -53,7 +53,7 @@ def build_lines(curve: dict[str, Array], summary: dict[str, Any] | None) -> list
     if summary is not None:
         for name, label, colour in (
             ("policy", "policy, evaluated", GREEN),
-            ("profile", "hand-tuned profile", ORANGE),
+            ("baseline", summary["baseline_name"], ORANGE),
         ):
             episode_return = np.full(len(curve["steps"]), float(summary[name]["return"]))
             lines.append(SeriesLine(f"evaluated/{name}", label, colour, 1.0, episode_return))
@@ -61,7 +61,7 @@ def build_lines(curve: dict[str, Array], summary: dict[str, Any] | None) -> list
 
 
 def format_page(curve: dict[str, Array], summary: dict[str, Any] | None) -> str:
-    """Return the progress of the training, and the metrics of policy and profile, as Markdown."""
+    """Return the progress of the training, and the metrics of policy and baseline, as Markdown."""
     if summary is None:
         return (
             f"# Training, not finished\n\n{int(curve['steps'][-1])} steps in {curve['minutes'][-1]:.1f} minutes so far."
@@ -72,8 +72,8 @@ def format_page(curve: dict[str, Array], summary: dict[str, Any] | None) -> str:
         f"The policy is better in {summary['n_better_episodes']} of {summary['episodes']} episodes, "
         f"by {summary['gain']:.2f} ± {summary['gain_standard_error']:.2f} on average (standard error)."
     )
-    rows = [[name.replace("_", " "), value, summary["profile"][name]] for name, value in summary["policy"].items()]
-    table = stream.format_markdown_table(["mean per episode", "policy", "hand-tuned profile"], rows)
+    rows = [[name.replace("_", " "), value, summary["baseline"][name]] for name, value in summary["policy"].items()]
+    table = stream.format_markdown_table(["mean per episode", "policy", summary["baseline_name"]], rows)
     return f"{title}\n\n{progress}\n\n{gain}\n\n{table}"
 
 
