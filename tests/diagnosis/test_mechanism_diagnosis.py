@@ -57,6 +57,31 @@ def test_true_parameters_leave_only_noise(tmp_path: Path) -> None:
     assert np.degrees(np.sqrt(np.mean(residual**2))) == pytest.approx(joint.NOISE["angle_joint"], rel=0.15)
 
 
+def test_trial_that_begins_in_motion_starts_with_the_measured_velocity(tmp_path: Path) -> None:
+    options = {**SHORT, "seconds": 2.5, "measured": ("angle_joint", "pressure_flexor")}
+    (whole,), hypothesis = prepare(tmp_path, **options)
+    assert isinstance(whole, MechanismExperiment)
+    assert whole.initial_velocities == {}
+    (setup,) = hypothesis.build_setups(np.zeros(0), [whole])
+    response = simulate_extrapolated(setup, whole)
+    angle = response.read_channel("angle_joint")
+    start = response.time[np.argmax(np.abs(np.gradient(angle)))]
+    (file,) = tmp_path.glob("*.csv")
+    heading, *rows = file.read_text().splitlines()
+    file.write_text("\n".join([heading, *(row for row in rows if float(row.split(",")[0]) >= start)]))
+    dataset = load_dataset(tmp_path)
+    (cut,) = prepare_experiments(dataset, split_dataset(dataset))
+    assert isinstance(cut, MechanismExperiment)
+    true_velocity = np.interp(cut.start_time, response.time, np.gradient(angle, response.time))
+    assert cut.initial_velocities["joint"] == pytest.approx(true_velocity, rel=0.05)
+    assert cut.initial_pressures["flexor"] > 1e5
+    assert cut.measured["angle_joint"].time[0] > cut.start_time + 0.29 * cut.duration
+    residual = cut.measured["angle_joint"].value - observe(setup, cut, simulate_extrapolated(setup, cut))["angle_joint"]
+    resting = replace(cut, initial_velocities={}, initial_pressures={})
+    worse = cut.measured["angle_joint"].value - observe(setup, cut, resting.simulate(setup))["angle_joint"]
+    assert np.std(residual) < 0.5 * np.std(worse)
+
+
 def test_channels_of_a_mechanism_have_units() -> None:
     assert CHANNEL_UNITS["angle_joint"] == ("deg", pytest.approx(np.pi / 180.0))
     assert CHANNEL_UNITS["pressure_flexor"] == ("bar", 1e5)

@@ -242,6 +242,28 @@ def test_bindings_are_refused_in_one_sentence(
     assert message in str(error.value)
 
 
+def test_joint_begins_with_the_stated_velocity() -> None:
+    mechanism = Mechanism(load_model_file("antagonist_joint"), tuple(DEVICES), tuple(COMMANDS))
+    parameters = {name: device.parameters for name, device in DEVICES.items()}
+    positions = {"joint": 0.3}
+    rollout = simulate_mechanism(
+        mechanism,
+        parameters,
+        COMMANDS,
+        DT,
+        numbers=NUMBERS,
+        initial_positions=positions,
+        initial_velocities={"joint": 2.0},
+    )
+    angle = read(rollout, "angle_joint")
+    assert angle[0] == pytest.approx(0.3)
+    assert (angle[1] - angle[0]) / DT == pytest.approx(2.0, rel=0.02)
+    with pytest.raises(InputError, match="joint 'elbow' cannot begin in motion; allowed: joint"):
+        simulate_mechanism(
+            mechanism, parameters, COMMANDS, DT, initial_positions=positions, initial_velocities={"elbow": 1.0}
+        )
+
+
 def test_divergence_is_one_sentence() -> None:
     numbers = {**NUMBERS, "model.joint.joint.stiffness": -1e9}
     with pytest.raises(SimulationError, match="diverges"):

@@ -35,11 +35,11 @@ def move_to_rest(
     devices: Mapping[str, DeviceActuator],
     pressures: Mapping[str, float],
     controls: ArrayLike,
-    driven_joints: Collection[str],
+    held_joints: Collection[str],
 ) -> None:
     """Move ``data`` to its equilibrium under constant ``pressures`` [Pa] and ``controls``, without dry friction.
 
-    ``devices`` and ``pressures`` are by name of the device; ``driven_joints`` stay where they are. Newton's method
+    ``devices`` and ``pressures`` are by name of the device; ``held_joints`` stay where they are. Newton's method
     seeks positions without acceleration. Where it finds none, or a joint has several degrees of freedom, all joints
     start from rest again and again until they no longer move (dynamic relaxation with kinetic damping; Day, 1965).
     Where joints rub, every position near the equilibrium is one; which of them depends on the past, and is unknown.
@@ -47,9 +47,11 @@ def move_to_rest(
     data.ctrl[:] = controls
     start = data.qpos.copy()
     with _without_friction_loss(model):
-        if not _solve_newton(model, data, devices, pressures, driven_joints):
+        if not _solve_newton(model, data, devices, pressures, held_joints):
             data.qpos[:] = start
             _relax(model, data, devices, pressures)
+            for name in held_joints:
+                data.joint(name).qpos[0] = start[model.joint(name).qposadr[0]]
     data.qvel[:] = 0.0
     release_friction(model, data)
     _set_devices_to_equilibrium(model, data, devices, pressures)
@@ -61,13 +63,13 @@ def _solve_newton(
     data: mujoco.MjData,
     devices: Mapping[str, DeviceActuator],
     pressures: Mapping[str, float],
-    driven_joints: Collection[str],
+    held_joints: Collection[str],
 ) -> bool:
     """Move the free joints to positions without acceleration; return whether a stable equilibrium was reached."""
     scalar = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
     if any(int(kind) not in scalar for kind in model.jnt_type):
         return False
-    free = [index for index in range(model.njnt) if model.joint(index).name not in driven_joints]
+    free = [index for index in range(model.njnt) if model.joint(index).name not in held_joints]
     positions, dofs = model.jnt_qposadr[free], model.jnt_dofadr[free]
 
     def accelerate(joint_positions: Array) -> Array:

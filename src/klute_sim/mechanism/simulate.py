@@ -22,7 +22,7 @@ from klute_sim.device.dynamics import (
 )
 from klute_sim.device.rollout import MAX_TIME_STEP
 from klute_sim.effects import catalogue
-from klute_sim.errors import InputError, SimulationError
+from klute_sim.errors import InputError, SimulationError, suggest
 from klute_sim.laws.pneumatics import SupplyParameters
 from klute_sim.mechanism import drives
 from klute_sim.mechanism.assembly import Binding, Mechanism
@@ -156,13 +156,18 @@ def simulate_mechanism(
     *,
     numbers: Mapping[str, float] | None = None,
     initial_positions: Mapping[str, float] | None = None,
+    initial_velocities: Mapping[str, float] | None = None,
+    initial_pressures: Mapping[str, float] | None = None,
     effects: Sequence[ModelEffect] = (),
     backend: str = "auto",
 ) -> MechanismRollout:
     """Simulate ``mechanism`` with ``devices`` (name -> parameters) under ``inputs``, one sample per step ``dt`` [s].
 
     ``inputs`` holds every prescribed channel [SI]. The simulation starts at rest in equilibrium under the first
-    samples; it is sought from ``initial_positions`` (joint -> m or rad) or from the model's own position. ``numbers``
+    samples; it is sought from ``initial_positions`` (joint -> m or rad) or from the model's own position. A joint of
+    ``initial_velocities`` (joint -> m/s or rad/s) starts at its initial position with this velocity instead, and the
+    devices start as if the joints had rested there under ``initial_pressures`` (device -> Pa; default: the first
+    inputs). Raises InputError for such a joint without an initial position, or one that is driven. ``numbers``
     changes numbers of the model, and ``effects`` are those of joints, pulleys and gravity. ``backend`` is ``"auto"``,
     ``"compiled"`` or ``"python"``.
 
@@ -185,14 +190,16 @@ def simulate_mechanism(
             )
         actuators = {name: DeviceActuator(model, mechanism.find_actuator(model, name)) for name in devices}
         _place_joints(model, data, initial_positions or {})
+        moving = _check_moving_joints(mechanism, initial_positions or {}, initial_velocities or {})
         schedule = _schedule_controls(mechanism, model, actuators, inputs, n_steps)
+        schedule.initial_pressures.update(initial_pressures or {})
         for name, position in schedule.initial_positions.items():
             data.joint(name).qpos[0] = position
         try:
             with callbacks.device_callbacks(backend) as used_backend:
-                joints = mechanism.driven_joints
-                move_to_rest(model, data, actuators, schedule.initial_pressures, schedule.resting_controls, joints)
-                for name, speed in schedule.initial_speeds.items():
+                held = *mechanism.driven_joints, *moving
+                move_to_rest(model, data, actuators, schedule.initial_pressures, schedule.resting_controls, held)
+                for name, speed in {**schedule.initial_speeds, **moving}.items():
                     data.joint(name).qvel[0] = speed
                 initial_qpos, initial_act = data.qpos.copy(), data.act.copy()
                 run = _run_compiled if used_backend == "compiled" else _run_in_python
@@ -211,6 +218,19 @@ def simulate_mechanism(
         initial_act,
         used_backend,
     )
+
+
+def _check_moving_joints(
+    mechanism: Mechanism, positions: Mapping[str, float], velocities: Mapping[str, float]
+) -> dict[str, float]:
+    for name in velocities:
+        if name not in positions or name in mechanism.driven_joints:
+            allowed = [joint for joint in positions if joint not in mechanism.driven_joints]
+            raise InputError(
+                f"joint '{name}' cannot begin in motion; {suggest(name, allowed, 'allowed: ' + ', '.join(allowed))} "
+                "(joints with an initial position that are not driven)"
+            )
+    return dict(velocities)
 
 
 class _Schedule(NamedTuple):

@@ -21,7 +21,12 @@ from klute_sim.diagnosis.experiments.base import (
     SimulationSetup,
     select_samples,
 )
-from klute_sim.diagnosis.experiments.bench import STATIONARY_SPEED, list_other_commands
+from klute_sim.diagnosis.experiments.bench import (
+    MOVING_WARM_UP_FRACTION,
+    MOVING_WARM_UP_TIME,
+    STATIONARY_SPEED,
+    list_other_commands,
+)
 from klute_sim.diagnosis.experiments.denoise import denoise
 from klute_sim.errors import InputError
 from klute_sim.mechanism.assembly import Binding, Mechanism, compute_unit_lengths
@@ -39,6 +44,12 @@ MAX_KINEMATIC_SAMPLES = 500
 """Largest number of positions at which the lengths of the tendons are evaluated."""
 PRESSURE_QUANTITIES = ("pressure_command", "pressure")
 MOTION_QUANTITIES = ("angle", "position")
+START_TIME_SPAN = 0.1
+"""Time [s] at the start of a trial over which its velocity is measured (assumed)."""
+MIN_INITIAL_SPEED = {"angle": np.radians(5.0), "position": 0.01}
+"""Speed [rad/s or m/s] up to which a joint begins at rest (assumed)."""
+NOISE_FACTOR = 5.0
+"""Change of a position over its noise, above which it moves (assumed)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +68,10 @@ class MechanismExperiment(Experiment):
     """Numbers of the model that differ from its file."""
     initial_positions: Mapping[str, float] = field(kw_only=True)
     """Joint -> measured position [m or rad] near which the trial begins."""
+    initial_velocities: Mapping[str, float] = field(default_factory=dict, kw_only=True)
+    """Joint -> measured velocity [m/s or rad/s] with which the trial begins; empty where it begins at rest."""
+    initial_pressures: Mapping[str, float] = field(default_factory=dict, kw_only=True)
+    """Device -> measured pressure [Pa] at the start of a trial that begins in motion."""
     unit_length: Array | None = field(default=None, kw_only=True)
     """Length of the first device [m], one value per time step; None where a joint was neither driven nor measured."""
 
@@ -119,7 +134,7 @@ class MechanismExperiment(Experiment):
         return 0.0 if self.unit_length is None else float(np.ptp(self.unit_length))
 
     def simulate(self, setup: SimulationSetup) -> DeviceResponse:
-        """Simulate from rest under the first inputs."""
+        """Simulate from rest under the first inputs, or from the measured initial motion."""
         parameters = setup.devices or tuple(device.parameters for device in self.devices.values())
         rollout = simulate_mechanism(
             self.mechanism,
@@ -128,6 +143,8 @@ class MechanismExperiment(Experiment):
             self.dt,
             numbers={**self.numbers, **dict(setup.model_numbers)},
             initial_positions=self.initial_positions,
+            initial_velocities=self.initial_velocities,
+            initial_pressures=self.initial_pressures,
             effects=setup.model_effects,
         )
         first = rollout.trace_device(next(iter(self.devices)))
@@ -201,6 +218,8 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         for name, binding in outputs.items()
         if name in trial.measured and binding.channel.quantity in MOTION_QUANTITIES
     }
+    velocities = _estimate_initial_velocities(trial, outputs)
+    warm_up = {"max_warm_up_fraction": MOVING_WARM_UP_FRACTION, "max_warm_up_time": MOVING_WARM_UP_TIME}
     driven = {b.name: inputs[n] for n, b in mechanism.bindings.items() if b.channel.quantity in MOTION_QUANTITIES}
     return MechanismExperiment(
         name=trial.name,
@@ -211,7 +230,7 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         start_time=start_time,
         dt=dt,
         command=inputs[pressure_name],
-        measured=select_samples(trial, start_time, end_time, time[-1]),
+        measured=select_samples(trial, start_time, end_time, time[-1], **(warm_up if velocities else {})),
         trusted=trial.trusted,
         limits=trial.limits,
         specimen=trial.specimen,
@@ -221,8 +240,46 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         other_inputs=other_inputs,
         numbers=trial.model_numbers,
         initial_positions={joint: float(values[0]) for joint, values in positions.items()},
+        initial_velocities=velocities,
+        initial_pressures=_read_initial_pressures(trial, outputs) if velocities else {},
         unit_length=_compute_first_length(mechanism, trial.model_numbers, {**positions, **driven}, time),
     )
+
+
+def _estimate_initial_velocities(trial: Trial, outputs: Mapping[str, Binding]) -> dict[str, float]:
+    """Return joint -> velocity of each joint with a measured position, if any of them begins in motion; else nothing.
+
+    A parabola through the first :data:`START_TIME_SPAN` gives the velocity. A joint moves if this velocity exceeds
+    :data:`MIN_INITIAL_SPEED` and the position changes by more than its noise from the first to the second third: a
+    joint that rests at first and is accelerated later does not.
+    """
+    velocities, is_moving = {}, False
+    for name, binding in outputs.items():
+        if name not in trial.measured or binding.channel.quantity not in MOTION_QUANTITIES:
+            continue
+        series = trial.measured[name]
+        is_early = np.isfinite(series.value) & (series.time <= series.time[0] + START_TIME_SPAN)
+        third = int(is_early.sum()) // 3
+        if third < 2:
+            continue
+        time, value = series.time[is_early] - series.time[0], series.value[is_early]
+        parabola = np.polyfit(time, value, 2)
+        noise = float(np.std(value - np.polyval(parabola, time)))
+        velocities[binding.name] = float(parabola[1])
+        change = abs(float(np.median(value[third : 2 * third]) - np.median(value[:third])))
+        is_fast = abs(velocities[binding.name]) > MIN_INITIAL_SPEED[binding.channel.quantity]
+        is_moving |= is_fast and change > NOISE_FACTOR * noise
+    return velocities if is_moving else {}
+
+
+def _read_initial_pressures(trial: Trial, outputs: Mapping[str, Binding]) -> dict[str, float]:
+    """Return device -> median of its first measured pressures [Pa]."""
+    return {
+        binding.name: float(np.median(finite[:3]))
+        for name, binding in outputs.items()
+        if name in trial.measured and binding.channel.quantity == "pressure"
+        for finite in (trial.measured[name].value[np.isfinite(trial.measured[name].value)],)
+    }
 
 
 def _interpolate(name: str, samples: TimeSeries, time: Array) -> Array:
