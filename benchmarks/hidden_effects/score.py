@@ -69,9 +69,10 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     *right*: exactly the hidden effects were identified, or an `indistinguishable` verdict lists them among at most as
     many sets as there are near twins (*loose*: among more); for clean data, nothing is missing; for defective data and
     for an imperfect law without an effect, no effect was identified. Effects outside of the catalogue have to be
-    *flagged*. *twin*: a near twin was identified instead. *part*: only some of several effects were identified.
-    *absorbed*: effects were not identified because the uncertain device numbers, within their uncertainty, reproduce
-    them. *wrong*: any other identified effect.
+    *flagged*: no effect was identified, or a data-driven term is one of several sets. *twin*: a near twin was
+    identified instead. *part*: only some of several effects were identified. *absorbed*: effects were not identified
+    because the uncertain device numbers, within their uncertainty, reproduce them. *wrong*: any other identified
+    effect.
     """
     hidden, identified, kind = list_hidden_effects(truth), list_named_effects(verdict), verdict["verdict"]
     nothing_left = kind == "nothing-missing" and residual_over_noise(verdict) < MAX_ABSORBED_RESIDUAL
@@ -83,7 +84,9 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
         return "right" if kind == "nothing-missing" else ("false-alarm" if identified else "flagged")
     if is_out_of_catalogue(truth):
         silent_outcome = "absorbed" if nothing_left else "missed"
-        return "wrong" if identified else silent_outcome if kind == "nothing-missing" else "flagged"
+        if identified and not _lists_unknown_effect(verdict):
+            return "wrong"
+        return silent_outcome if kind == "nothing-missing" else "flagged"
     if hidden in list_effect_sets(verdict):
         max_sets = 1 + sum(len(near_twins(name, verdict)) for name in hidden)
         return "right" if len(list_effect_sets(verdict)) <= max(2, max_sets) else "loose"
@@ -94,6 +97,11 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     if set(identified) < set(hidden):
         return "absorbed" if _gap_over_noise(verdict, "after") < MAX_ABSORBED_RESIDUAL else "part"
     return "twin" if _is_near_twin(hidden, identified, verdict) else "wrong"
+
+
+def _lists_unknown_effect(verdict: Verdict) -> bool:
+    """Return whether an effect outside of the catalogue, as a data-driven term, is one of several sets of effects."""
+    return any(name.startswith("unknown_") for effect_set in list_effect_sets(verdict)[1:] for name in effect_set)
 
 
 def score_follow_up(truth: Truth, second_verdict: Verdict) -> str:

@@ -123,7 +123,6 @@ def test_unknown_effect_is_unexplained(without_friction: Diagnosis) -> None:
 @pytest.mark.long
 def test_data_driven_term_replaces_an_unknown_effect(without_friction: Diagnosis) -> None:
     """The independent generator has friction of two muscles, 6 N/bar each, at 5 bar."""
-    pytest.importorskip("pysindy")
     (entry,) = verdict_to_dict(without_friction)["effects"]
     assert entry["data_driven"]
     assert entry["parameters"].keys() == {"pressure_friction_n"}

@@ -1,6 +1,5 @@
 """The data-driven term: what it finds, what it leaves alone, and how it comes back as a device."""
 
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -78,7 +77,6 @@ def get_effect_values(fit: Fit) -> dict[str, float]:
 
 
 def test_true_functions_and_coefficients_are_recovered(with_hidden_term: tuple[ForwardSelection, Fit]) -> None:
-    pytest.importorskip("pysindy")
     search, base = with_hidden_term
     result = fit_discrepancy_term(search, base, base, compute_equation_residuals(search.data, base))
     assert result.fit is not None, result.reason
@@ -90,7 +88,6 @@ def test_true_functions_and_coefficients_are_recovered(with_hidden_term: tuple[F
 
 @pytest.mark.long
 def test_supply_lag_is_found_in_the_supply_equation(tmp_path: Path) -> None:
-    pytest.importorskip("pysindy")
     for search, base in create_search(tmp_path / "d", {("pressure_lag", "first_order"): {"time_constant_s": 0.05}}):
         result = fit_discrepancy_term(search, base, base, compute_equation_residuals(search.data, base))
         assert "in the equation of supply" in result.reason
@@ -99,7 +96,6 @@ def test_supply_lag_is_found_in_the_supply_equation(tmp_path: Path) -> None:
 
 
 def test_regression_eliminates_functions(with_hidden_term: tuple[ForwardSelection, Fit]) -> None:
-    pytest.importorskip("pysindy")
     search, base = with_hidden_term
     supports = find_supports(search.data, base, discrepancy_terms.UNKNOWN_FORCE)
     assert [len(support.term.parameter_keys) for support in supports] == [1, 2, 3, 4]
@@ -112,7 +108,6 @@ def test_regression_eliminates_functions(with_hidden_term: tuple[ForwardSelectio
 
 
 def test_clean_data_get_no_term(clean: tuple[ForwardSelection, Fit]) -> None:
-    pytest.importorskip("pysindy")
     search, base = clean
     result = fit_discrepancy_term(search, base, base, compute_equation_residuals(search.data, base))
     assert result.fit is None
@@ -123,25 +118,11 @@ def test_clean_data_get_no_term(clean: tuple[ForwardSelection, Fit]) -> None:
 def test_term_that_worsens_validation_trials_is_rejected(
     with_hidden_term: tuple[ForwardSelection, Fit], clean: tuple[ForwardSelection, Fit]
 ) -> None:
-    pytest.importorskip("pysindy")
     search, base = with_hidden_term
     elsewhere = replace(search, validation_data=clean[0].validation_data, history=[])
     result = fit_discrepancy_term(elsewhere, base, base, RESIDUALS)
     assert result.fit is None
     assert "tested and rejected: unknown_force fits, but validation trials get worse" in result.reason
-
-
-def test_missing_extra_is_reported(
-    with_hidden_term: tuple[ForwardSelection, Fit], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for module in ("pysindy", "pysindy.optimizers"):
-        monkeypatch.setitem(sys.modules, module, None)
-    result = fit_discrepancy_term(*with_hidden_term, with_hidden_term[1], RESIDUALS)
-    assert result.fit is None
-    assert result.reason.startswith(
-        "No data-driven term was fitted: a data-driven term needs the optional extra 'sparse"
-    )
-    assert result.reason.count(". ") == 0
 
 
 def test_excluded_and_existing_terms_are_not_candidates(with_hidden_term: tuple[ForwardSelection, Fit]) -> None:
@@ -219,7 +200,6 @@ def test_library_functions_match_the_formula() -> None:
 @pytest.fixture(scope="module")
 def unexplained(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
     """Return a diagnosis of hidden dry friction without friction among the candidates."""
-    pytest.importorskip("pysindy")
     folder = write_dataset(
         tmp_path_factory.mktemp("unexplained") / "d",
         {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}},
@@ -292,7 +272,6 @@ EXCLUDED: dict[str, tuple[int, str, dict[str, float], float]] = {
 @pytest.mark.parametrize("name", EXCLUDED)
 def test_most_of_an_unknown_effect_is_explained(name: str, tmp_path: Path) -> None:
     """Without the true effect in the catalogue, a data-driven term closes most of the gap on test trials."""
-    pytest.importorskip("pysindy")
     seed, form, parameters, min_fraction = EXCLUDED[name]
     truth: list[dict[str, Any]] = [{"name": name, "form": form, "parameters": parameters}]
     make_dataset(tmp_path / "d", seed, muscle_length=False, effects=truth)

@@ -14,6 +14,7 @@ from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
 from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.free_term import find_free_model
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.diagnosis.selection.robustness import (
@@ -63,7 +64,16 @@ def select_complete_model(
         better_fit = equivalent_models[0].fit
         final_fit, has_converged = check_convergence(data, better_fit, np.random.default_rng(options.seed))
         equivalent_models = find_equivalent_models(search, final_fit)
-    verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
+    progress(0.8, "comparing the names with a free term")
+    free_model = find_free_model(search, base_fit, final_fit, options.exclude)
+    if free_model is not None and free_model.bic_difference < -search.bic_threshold:
+        reasons = [_describe_better_free_term(final_fit, free_model)]
+        final_fit, has_converged = check_convergence(data, free_model.fit, np.random.default_rng(options.seed))
+        verdict: Verdict = "unexplained"
+        equivalent_models = []
+    else:
+        equivalent_models += [free_model] if free_model else []
+        verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
     return FinalModel(
         verdict,
         reasons,
@@ -174,6 +184,15 @@ def _add_discrepancy_term(
         misfit = "still show a misfit" if search.has_misfit(final_fit) else "show no misfit"
         sentences[-1] += f" With it, repeats {misfit}."
     return final_fit, has_converged, [*sentences, *_describe_proxies(final_fit)]
+
+
+def _describe_better_free_term(named_fit: Fit, free_model: EquivalentModel) -> str:
+    names = " and ".join(str(term) for term in named_fit.hypothesis.terms if not term.effect_definition.data_driven)
+    return (
+        f"{names} would explain the data to the noise, but a data-driven term in one equation explains them better "
+        f"(BIC is lower by {-free_model.bic_difference:.0f}): the missing effect is not in the catalogue, and these "
+        "names only imitate it."
+    )
 
 
 def _decide_verdict(

@@ -20,9 +20,9 @@ DEVICE_FILE_NAME = "device.toml"
 
 def list_alternatives(diagnosis: Diagnosis) -> list[list[str]]:
     """Return the names of the effects of each equivalent model."""
-    n_terms = len(diagnosis.added_terms)
+    n_known = 0 if diagnosis.base_fit is None else len(diagnosis.base_fit.hypothesis.terms)
     models = [
-        [_format_term(term) for term in model.fit.hypothesis.terms[-n_terms:]] for model in diagnosis.equivalent_models
+        [_format_term(term) for term in model.fit.hypothesis.terms[n_known:]] for model in diagnosis.equivalent_models
     ]
     return [list(names) for names in dict.fromkeys(tuple(sorted(names)) for names in models)]
 

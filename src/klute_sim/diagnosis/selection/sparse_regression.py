@@ -2,14 +2,13 @@
 
 :mod:`klute_sim.diagnosis.selection.equation_residuals` identifies the equation. Its misfit is written as a combination
 of library functions (:mod:`klute_sim.effects.families.discrepancy_terms`). All functions are first fitted together in
-simulation. The problem is nearly linear there, and sparse regression (PySINDy) removes the least important function one
-after the other. No measured signal is differentiated, and every channel is weighted by its noise. The remaining
-functions are refitted together with all other parameters, and the term must pass the acceptance tests of an effect.
+simulation. The problem is nearly linear there, and backward elimination removes the least important function one after
+the other. No measured signal is differentiated, and every channel is weighted by its noise. The remaining functions are
+refitted together with all other parameters, and the term must pass the acceptance tests of an effect.
 """
 
-import warnings
 from collections.abc import Collection, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, s
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, REFIT_MAX_NFEV, ForwardSelection
 from klute_sim.effects.effect import Effect
 from klute_sim.effects.families import discrepancy_terms
-from klute_sim.errors import MissingExtraError
 from klute_sim.types import Array
 
 MAX_FUNCTIONS = 4
@@ -28,8 +26,6 @@ FULL_LIBRARY_MAX_NFEV = 8
 """Maximum number of function evaluations of the fit of the whole library, which need not converge."""
 RIDGE_ALPHA = 1e-3
 """Ridge penalty of the regression on unit-length sensitivities; it prevents similar functions from cancelling."""
-MAX_REGRESSION_ITERATIONS = 50
-"""Maximum number of iterations of the regression; larger than any library."""
 MIN_RELATIVE_SENSITIVITY = 1e-6
 """Norm of a function's sensitivity over the largest, below which the function is excluded."""
 DISCREPANCY_EFFECTS = {
@@ -58,7 +54,9 @@ class DiscrepancyResult(NamedTuple):
     fit: Fit | None
     """Fit with the term; None if no term was accepted."""
     reason: str
-    """Sentence that gives the reason."""
+    """Sentence that gives the reason; '' for a term that was not tested."""
+    equation: str = ""
+    """Name of the equation that the term belongs to."""
 
 
 def fit_discrepancy_term(
@@ -73,6 +71,29 @@ def fit_discrepancy_term(
     Effects that are not in ``base_fit`` and that the term makes redundant are removed. ``exclude`` names effects that
     are not candidates.
     """
+    fitted = fit_free_term(search, current, equation_residuals, exclude)
+    subject = f"A data-driven term in the equation of {fitted.equation}"
+    if fitted.fit is None:
+        return fitted
+    best_fit = fitted.fit
+    rejection = search.rejection_reason(current, best_fit, search.compute_validation_gains(current, best_fit))
+    if rejection:
+        return fitted._replace(fit=None, reason=f"{subject} was tested and rejected: {rejection}.")
+    bic_gain = current.bic(search.data.n_effective) - best_fit.bic(search.data.n_effective)
+    reason = f"{subject} represents what no effect of the catalogue explains (BIC falls by {bic_gain:.0f})."
+    return fitted._replace(fit=search.prune(best_fit, base_fit), reason=reason)
+
+
+def fit_free_term(
+    search: ForwardSelection,
+    current: Fit,
+    equation_residuals: Sequence[EquationResidual],
+    exclude: Collection[str] = (),
+) -> DiscrepancyResult:
+    """Return ``current`` with the data-driven term that explains most, before any test of acceptance.
+
+    Only equations with significant residuals get a term. ``exclude`` names effects that are not candidates.
+    """
     can_add_effect = current.hypothesis.device.spec.can_add_effect
     effects = {
         equation.name: DISCREPANCY_EFFECTS[equation.name]
@@ -83,23 +104,16 @@ def fit_discrepancy_term(
     }
     if not effects:
         return DiscrepancyResult(None, "No data-driven term was fitted: no equation has a significant residual.")
-    try:
-        supports = {name: find_supports(search.data, current, effect) for name, effect in effects.items()}
-    except MissingExtraError as error:
-        return DiscrepancyResult(None, f"No data-driven term was fitted: {error}.")
+    supports = {name: find_supports(search.data, current, effect) for name, effect in effects.items()}
     equation = max(supports, key=lambda name: max((s.predicted_bic_gain for s in supports[name]), default=-np.inf))
-    subject = f"A data-driven term in the equation of {equation}"
     promising = [s for s in supports[equation] if s.predicted_bic_gain > 0.5 * search.bic_threshold]
     if not promising:
-        reason = f"{subject} was tested, but none of its functions is predicted to explain more than noise would."
-        return DiscrepancyResult(None, reason)
-    best_fit = _fit_supports(search, current, promising)
-    rejection = search.rejection_reason(current, best_fit, search.compute_validation_gains(current, best_fit))
-    if rejection:
-        return DiscrepancyResult(None, f"{subject} was tested and rejected: {rejection}.")
-    bic_gain = current.bic(search.data.n_effective) - best_fit.bic(search.data.n_effective)
-    reason = f"{subject} represents what no effect of the catalogue explains (BIC falls by {bic_gain:.0f})."
-    return DiscrepancyResult(search.prune(best_fit, base_fit), reason)
+        reason = (
+            f"A data-driven term in the equation of {equation} was tested, but none of its functions is predicted to "
+            "explain more than noise would."
+        )
+        return DiscrepancyResult(None, reason, equation)
+    return DiscrepancyResult(_fit_supports(search, current, promising), "", equation)
 
 
 def format_formula(fit_result: Fit) -> str:
@@ -114,11 +128,7 @@ def format_formula(fit_result: Fit) -> str:
 
 
 def find_supports(data: WeightedData, current: Fit, effect: Effect) -> list[Support]:
-    """Return sets of up to :data:`MAX_FUNCTIONS` functions of ``effect``, smallest first.
-
-    Raises MissingExtraError without PySINDy.
-    """
-    regression = _create_regression()
+    """Return sets of up to :data:`MAX_FUNCTIONS` functions of ``effect``, smallest first."""
     n_known, form = len(current.x), effect.forms[0]
     hypothesis = current.hypothesis.with_term(EffectTerm(effect.name, form.name))
     x0 = np.concatenate([current.x, np.zeros(len(form.parameters))])
@@ -133,7 +143,7 @@ def find_supports(data: WeightedData, current: Fit, effect: Effect) -> list[Supp
     while columns:
         subsets = [
             [columns[k] for k in subset]
-            for subset in _eliminate_functions(regression, functions[:, columns] / norms[columns], orthogonal_target)
+            for subset in _eliminate_functions(functions[:, columns] / norms[columns], orthogonal_target)
         ]
         supports = [
             _create_support(data, current, full_fit, target, subset)
@@ -150,24 +160,25 @@ def find_supports(data: WeightedData, current: Fit, effect: Effect) -> list[Supp
     return []
 
 
-def _create_regression() -> Any:
-    try:
-        from pysindy.optimizers import SSR
-    except ModuleNotFoundError:
-        raise MissingExtraError("a data-driven term", "sparse") from None
-    return SSR(criteria="model_residual", alpha=RIDGE_ALPHA, max_iter=MAX_REGRESSION_ITERATIONS)
+def _eliminate_functions(functions: Array, target: Array) -> list[list[int]]:
+    """Return column subsets of ``functions``: all, then each with the least important function removed.
 
-
-def _eliminate_functions(regression: Any, functions: Array, target: Array) -> list[list[int]]:
-    """Return column subsets of ``functions``: all, then each with the least important function removed."""
+    The least important function is the one without which a ridge regression on ``target`` has the smallest residual.
+    """
     columns = list(range(functions.shape[1]))
-    if len(columns) == 1:
-        return [columns]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about coefficients near zero
-        regression.fit(functions, target[:, np.newaxis])
-    # PySINDy overwrites the first entry of its history, that of all functions, with the second.
-    return [columns, *(np.flatnonzero(coefficients[0]).tolist() for coefficients in regression.history_[1:])]
+    subsets = [columns]
+    while len(columns) > 1:
+        smaller = [[column for column in columns if column != removed] for removed in columns]
+        columns = min(smaller, key=lambda subset: _compute_ridge_cost(functions[:, subset], target))
+        subsets.append(columns)
+    return subsets
+
+
+def _compute_ridge_cost(functions: Array, target: Array) -> float:
+    """Return the squared residual of the ridge regression of ``target`` on the columns of ``functions``."""
+    gram = functions.T @ functions + RIDGE_ALPHA * np.eye(functions.shape[1])
+    residual = target - functions @ np.linalg.solve(gram, functions.T @ target)
+    return float(residual @ residual)
 
 
 def _create_support(data: WeightedData, current: Fit, full_fit: Fit, target: Array, indices: Sequence[int]) -> Support:
