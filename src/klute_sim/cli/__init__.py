@@ -45,6 +45,7 @@ COMMANDS = {
     "baselines": ("klute_sim.cli.baselines", "Simulate passive feet and standard controllers for comparison."),
     "assess": ("klute_sim.cli.assess", "Assess whether a prosthesis serves a person, and where it falls short."),
     "compare": ("klute_sim.cli.compare", "Compare recordings over gait phase or time."),
+    "play": ("klute_sim.cli.play", "Watch and steer a simulation in a window, or write it as a video."),
     "view": ("klute_sim.cli.view", "Open results in the rerun viewer, or draw them as pictures."),
 }
 """Module that defines the command as ``command``, and one line of help, by the name of the command."""
