@@ -8,13 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import DeviceLike, ignore_progress
 from klute_sim.api.rendering import Summary, render_html, render_text
-from klute_sim.api.walk import simulate_walk
+from klute_sim.api.walk import build_prosthesis, simulate_walk
 from klute_sim.errors import InputError
 from klute_sim.recording.run_folder import create_run_folder
 from klute_sim.types import ProgressCallback
+from klute_sim.walker.mean_difference import (
+    CONFIDENCE,
+    MeanDifference,
+    compute_group_difference,
+    compute_paired_difference,
+)
 from klute_sim.walker.outcomes import WalkOutcomes
-from klute_sim.walker.paired_difference import CONFIDENCE, PairedDifference, compute_paired_difference
 from klute_sim.walker.reflexes.walker_file import Walker, list_walkers, load_walker
+from klute_sim.walker.simulation.simulate import describe_prosthesis
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -39,18 +45,20 @@ def _get_peak_load(outcomes: WalkOutcomes, side: str) -> float | None:
 
 @dataclass(frozen=True, repr=False)
 class WalkComparison:
-    """Two conditions, walked by the same walkers."""
+    """Two conditions, walked by the same walkers or each by walkers that have adapted to it."""
 
     conditions: tuple[str, str]
     """Specifications of A and B."""
-    walkers: tuple[str, ...]
-    """Names of the walkers."""
+    walkers: tuple[tuple[str, ...], tuple[str, ...]]
+    """Names of the walkers under A and under B."""
+    is_paired: bool
+    """Whether the same walkers walked under both."""
     falls: tuple[tuple[str, ...], tuple[str, ...]]
     """Names of the walkers that fell under A and under B; they are in no difference."""
     acute: tuple[tuple[str, ...], tuple[str, ...]]
     """Names of the walkers that have not adapted to A and to B."""
-    differences: dict[str, PairedDifference]
-    """Paired difference by outcome; empty if no walker walked under both."""
+    differences: dict[str, MeanDifference]
+    """Difference by outcome; empty if no walker walked under both, or none under one of them."""
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -58,7 +66,9 @@ class WalkComparison:
         return {
             "kind": "predicted (planar reflex model)",
             "confidence": CONFIDENCE,
-            **{key: list(value) for key, value in (("conditions", self.conditions), ("walkers", self.walkers))},
+            "conditions": list(self.conditions),
+            "walkers": [list(names) for names in self.walkers],
+            "is_paired": self.is_paired,
             "falls": [list(names) for names in self.falls],
             "acute": [list(names) for names in self.acute],
             "differences": {
@@ -71,10 +81,14 @@ class WalkComparison:
         if self.differences:
             yield self._build_table()
         else:
-            yield "No walker walks under both conditions, so nothing can be compared."
-        for name, fallen in zip(self.conditions, self.falls, strict=True):
+            yield "Too few walkers walk under both conditions, so nothing can be compared."
+        if self.is_paired:
+            yield "The same walkers walked under both conditions."
+        else:
+            yield "Each condition was walked by the walkers that have adapted to it."
+        for name, fallen, walkers in zip(self.conditions, self.falls, self.walkers, strict=True):
             if fallen:
-                yield f"Falls with {name}: {', '.join(fallen)} ({len(fallen)} of {len(self.walkers)})."
+                yield f"Falls with {name}: {', '.join(fallen)} ({len(fallen)} of {len(walkers)})."
         for name, acute in zip(self.conditions, self.acute, strict=True):
             if acute:
                 yield f"Acute with {name}, not adapted to it: {', '.join(acute)}."
@@ -99,14 +113,18 @@ class WalkComparison:
             interval = "-" if difference.low is None else f"{difference.low:+.3f} to {difference.high:+.3f}"
             table.add_row(
                 *(label, unit, f"{difference.mean_a:.3f}", f"{difference.mean_b:.3f}"),
-                *(f"{difference.difference:+.3f}", interval, str(difference.n), words[difference.sign]),
+                *(f"{difference.difference:+.3f}", interval, self._count(difference), words[difference.sign]),
             )
         return table
 
+    def _count(self, difference: MeanDifference) -> str:
+        return str(difference.n_a) if self.is_paired else f"{difference.n_a}, {difference.n_b}"
+
     def __repr__(self) -> str:
         """Return one line: conditions and number of walkers."""
-        a, b = self.conditions
-        return f"WalkComparison({a!r}, {b!r}, {len(self.walkers)} walkers)"
+        (a, b), (walkers_a, walkers_b) = self.conditions, self.walkers
+        count = str(len(walkers_a)) if self.is_paired else f"{len(walkers_a)} and {len(walkers_b)}"
+        return f"WalkComparison({a!r}, {b!r}, {count} walkers)"
 
     def __str__(self) -> str:
         """Return the summary that the terminal shows."""
@@ -130,56 +148,94 @@ def compare_walks(
     device: DeviceLike | None = None,
     foot: str | None = None,
     walkers: Sequence[Walker | str | Path] = (),
+    acute: bool = False,
     seconds: float = 20.0,
     progress: ProgressCallback | None = None,
 ) -> WalkComparison:
-    """Let the same walkers walk under two conditions, and return the paired differences of their outcomes.
+    """Let walkers walk under two conditions, and return the differences of their mean outcomes with intervals.
+
+    Where several shipped walkers have adapted to each condition, they are compared as two groups. Otherwise, and with
+    ``walkers`` or ``acute``, the same walkers walk under both, and the differences are paired.
 
     Args:
         a: First condition: a controller as for :func:`simulate_walk`, or ``"spring-foot:8"`` [N.m/deg].
         b: Second condition.
         device: Device of the controllers, name of a preset, or path of a device file. None: ``"klute-1-1-4-pair"``.
         foot: Foot below the ankle. None: that of the device.
-        walkers: Walkers, names of shipped ones, or paths of files. Empty: all shipped ones with a prosthesis.
+        walkers: Walkers, names of shipped ones, or paths of files. Empty: the shipped ones that have adapted to the
+            conditions; without any, all with a prosthesis.
+        acute: Whether the same walkers walk under both even where others have adapted to B.
         seconds: Duration of each walk [s].
         progress: Receives the completed fraction and the current stage.
 
     Raises InputError when an input is not usable.
     """
-    chosen = [walker if isinstance(walker, Walker) else load_walker(walker) for walker in walkers]
-    if not chosen:
-        chosen = [walker for walker in map(load_walker, list_walkers()) if not walker.is_intact]
-    report, n_walks = progress or ignore_progress, 2 * len(chosen)
+    arguments = [_parse_condition(spec, device, foot) for spec in (a, b)]
+    groups = _select_groups(arguments, walkers, acute)
+    is_paired = groups[0] is groups[1]
+    report, n_walks = progress or ignore_progress, len(groups[0]) + len(groups[1])
     outcomes: list[list[WalkOutcomes]] = [[], []]
-    acute: list[list[str]] = [[], []]
-    for k, walker in enumerate(chosen):
-        for i, spec in enumerate((a, b)):
-            report((2 * k + i) / n_walks, f"walking, {walker.name}")
-            arguments = _parse_condition(spec, device, foot)
-            run = simulate_walk(walker=walker, seconds=seconds, **arguments)
+    not_adapted: list[list[str]] = [[], []]
+    for i, (group, condition) in enumerate(zip(groups, arguments, strict=True)):
+        for k, walker in enumerate(group):
+            report((i * len(groups[0]) + k) / n_walks, f"walking, {walker.name}")
+            run = simulate_walk(walker=walker, seconds=seconds, **condition)
             outcomes[i].append(run.outcomes)
             if run.summary["is_acute"]:
-                acute[i].append(walker.name)
-    names = [walker.name for walker in chosen]
-    falls = [[name for name, o in zip(names, walks, strict=True) if o.has_fallen] for walks in outcomes]
+                not_adapted[i].append(walker.name)
+    names = [tuple(walker.name for walker in group) for group in groups]
+    falls = [
+        tuple(name for name, o in zip(group, walks, strict=True) if o.has_fallen)
+        for group, walks in zip(names, outcomes, strict=True)
+    ]
+    if is_paired:
+        fallen = {*falls[0], *falls[1]}
+        walks = [[o for name, o in zip(names[0], group, strict=True) if name not in fallen] for group in outcomes]
+    else:
+        walks = [[o for o in group if not o.has_fallen] for group in outcomes]
+    return WalkComparison(
+        conditions=(a, b),
+        walkers=(names[0], names[1]),
+        is_paired=is_paired,
+        falls=(falls[0], falls[1]),
+        acute=(tuple(not_adapted[0]), tuple(not_adapted[1])),
+        differences=_compute_differences(walks[0], walks[1], is_paired=is_paired),
+    )
+
+
+def _select_groups(
+    arguments: Sequence[dict[str, Any]], walkers: Sequence[Walker | str | Path], acute: bool
+) -> tuple[list[Walker], list[Walker]]:
+    """Return the walkers of both conditions; one and the same list where the comparison is paired."""
+    if walkers:
+        chosen = [walker if isinstance(walker, Walker) else load_walker(walker) for walker in walkers]
+        return chosen, chosen
+    shipped = [walker for walker in map(load_walker, list_walkers()) if not walker.is_intact]
+    conditions = [
+        describe_prosthesis(
+            *build_prosthesis(c.get("device"), c.get("controller"), c.get("spring_foot"), False, c.get("foot"), None)
+        )
+        for c in arguments
+    ]
+    adapted = [[walker for walker in shipped if dict(walker.condition) == condition] for condition in conditions]
+    if not acute and conditions[0] != conditions[1] and min(len(group) for group in adapted) > 1:
+        return adapted[0], adapted[1]
+    same = adapted[0] or adapted[1] or shipped
+    return same, same
+
+
+def _compute_differences(
+    walks_a: Sequence[WalkOutcomes], walks_b: Sequence[WalkOutcomes], *, is_paired: bool
+) -> dict[str, MeanDifference]:
+    """Return the difference of each outcome that all walks have; empty without walks."""
+    compute = compute_paired_difference if is_paired else compute_group_difference
     differences = {}
     for name, (_, _, get_value) in OUTCOMES.items():
-        pairs = [
-            (value_a, value_b)
-            for walk_a, walk_b in zip(*outcomes, strict=True)
-            if not (walk_a.has_fallen or walk_b.has_fallen)
-            and (value_a := get_value(walk_a)) is not None
-            and (value_b := get_value(walk_b)) is not None
-        ]
-        if pairs:
-            differences[name] = compute_paired_difference(*([pair[k] for pair in pairs] for k in (0, 1)))
-    return WalkComparison(
-        (a, b),
-        tuple(names),
-        (tuple(falls[0]), tuple(falls[1])),
-        (tuple(acute[0]), tuple(acute[1])),
-        differences,
-    )
+        values_a, values_b = ([get_value(o) for o in walks] for walks in (walks_a, walks_b))
+        known_a, known_b = ([value for value in values if value is not None] for values in (values_a, values_b))
+        if known_a and known_b and len(known_a) == len(values_a) and len(known_b) == len(values_b):
+            differences[name] = compute(known_a, known_b)
+    return differences
 
 
 def _parse_condition(spec: str, device: DeviceLike | None, foot: str | None) -> dict[str, Any]:

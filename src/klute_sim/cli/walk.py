@@ -204,7 +204,10 @@ def list_command() -> None:
     "walkers",
     multiple=True,
     metavar="NAME|FILE",
-    help="Walker: name of a shipped one, or the file of one; may be repeated.  [default: all with a prosthesis]",
+    help="Walker: name of a shipped one, or the file of one; may be repeated.  [default: those adapted to A or B]",
+)
+@click.option(
+    "--acute", is_flag=True, help="Let the walkers adapted to A walk under B as well, before they adapt to it."
 )
 @click.option(
     "--seconds",
@@ -218,12 +221,14 @@ def list_command() -> None:
 def compare_command(a: str, b: str, as_json: bool, **comparison: Any) -> None:
     """Compare two conditions A and B over several walkers.
 
-    A condition is a controller (machine, profile, off, constant:BAR, or a file) or spring-foot:STIFFNESS. Every walker
-    walks under both, and the table shows the mean difference of each outcome with its 95 % interval. A sign is named
-    only where the interval excludes zero. Falls are listed apart.
+    A condition is a controller (machine, profile, off, constant:BAR, or a file) or spring-foot:STIFFNESS. Where several
+    walkers have adapted to each condition, each group walks under its own (Welch's interval). Otherwise, and with
+    --walker or --acute, the same walkers walk under both (paired). The table shows the difference of the mean of each
+    outcome with its 95 % interval; a sign is named only where the interval excludes zero. Falls are listed apart.
 
     \b
     Examples:
+      klute-sim walk compare machine spring-foot:6
       klute-sim walk compare machine constant:3
       klute-sim walk compare machine my-machine.toml --walker machine-1 --walker mine/adapted.toml
     """
