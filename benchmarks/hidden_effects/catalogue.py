@@ -146,6 +146,28 @@ BODY_EFFECTS: Forms = {
 }
 """Effects of foot, ankle and socket, which show in gait."""
 
+JOINT_EFFECTS: Forms = {
+    ("joint_friction", "coulomb"): {"moment_n_m": HiddenParameter(0, 20, 0.1)},
+    ("joint_friction", "stribeck"): {
+        "moment_n_m": HiddenParameter(0, 20, 0.1),
+        "static_excess": HiddenParameter(0.05, 3, 0.5, None),
+        "stribeck_velocity_deg_per_s": HiddenParameter(0.5, 200, 10, None),
+    },
+    ("joint_friction", "presliding"): {
+        "moment_n_m": HiddenParameter(0, 20, 0.1),
+        "presliding_deg": HiddenParameter(0.05, 20, 1, None),
+    },
+    ("joint_inertia", "armature"): {"inertia_kg_cm2": HiddenParameter(0, 1e5, 50)},
+    ("pulley_error", "radius"): {"gain": HiddenParameter(0.7, 1.4, 1.05, 1.0, True)},
+    ("gravity_tilt", "about_y"): {"tilt_deg": HiddenParameter(-45, 45, 2, 0.0, True)},
+}
+"""Effects of a joint, which show in blocks of the joint. Its viscous friction is a number of the model."""
+OUT_OF_CATALOGUE_JOINT_FORMS: Forms = {
+    ("eccentric_pulley", "sine"): {"eccentricity_mm": HiddenParameter(0, 10, 1)},
+    ("cable_bundle", "quadratic"): {"moment_n_m": HiddenParameter(0, 20, 0.5)},
+}
+"""Effects of a joint that are in no catalogue."""
+
 VALVE_EFFECTS = {"leak"}
 """Effects that a regulator compensates; they are hidden in a device with a known valve."""
 EXACT_TWINS = {"braid_hysteresis": ("seal_friction",)}
@@ -216,10 +238,19 @@ GAIT_CHANNELS = {
 }
 
 
+JOINT_CHANNELS = {
+    "angle_joint": Channel("deg", 0.05, 0.96, 1.0, 0.3, 0.3),
+    "pressure_flexor": BENCH_CHANNELS["pressure"],
+    "pressure_extensor": BENCH_CHANNELS["pressure"],
+}
+
+
 def instrument_forms(channel: str) -> Forms:
     """Return the instrument faults of ``channel``; offsets, drifts and steps are in its unit."""
-    _, _, gain, offset, drift, step = {**GAIT_CHANNELS, **BENCH_CHANNELS}[channel]
+    _, _, gain, offset, drift, step = {**GAIT_CHANNELS, **BENCH_CHANNELS, **JOINT_CHANNELS}[channel]
+    backlash: Forms = {("sensor_backlash", "play"): {"play": HiddenParameter(0, 10, 0.3)}}
     return {
+        **(backlash if channel == "angle_joint" else {}),
         ("sensor_gain", "gain"): {"gain": HiddenParameter(0.8, 1.2, gain, 1.0, True)},
         ("sensor_offset", "offset"): {"offset": HiddenParameter(-10 * offset, 10 * offset, offset, 0.0, True)},
         ("sensor_drift", "linear"): {"drift_per_s": HiddenParameter(-10 * drift, 10 * drift, drift, 0.0, True)},

@@ -23,7 +23,7 @@ from benchmarks.hidden_effects.catalogue import BENCH_CHANNELS, RELATIVE_UNCERTA
 from benchmarks.hidden_effects.device import PRESET_FILE, add_effects, build_neutral_law, load_device
 from benchmarks.hidden_effects.imperfect import add_law_error, assign_specimens
 from benchmarks.hidden_effects.inputs import InputProgram, generate_programs, hold_still
-from benchmarks.hidden_effects.plan import BLOCK_SIZES, DEFECTS, FORCE_RANGE_N, GAIT_BLOCKS, plan_datasets
+from benchmarks.hidden_effects.plan import BLOCK_SIZES, DEFECTS, FORCE_RANGE_N, GAIT_BLOCKS, JOINT_BLOCKS, plan_datasets
 from benchmarks.hidden_effects.set_up import change_log, list_numbers
 from benchmarks.hidden_effects.simulate import (
     Hidden,
@@ -256,7 +256,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder that will hold the datasets")
     parser.add_argument(
-        "--block", choices=[block for block in BLOCK_SIZES if block not in GAIT_BLOCKS], default="single"
+        "--block", choices=[block for block in BLOCK_SIZES if block not in GAIT_BLOCKS + JOINT_BLOCKS], default="single"
     )
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)

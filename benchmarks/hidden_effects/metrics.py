@@ -4,8 +4,8 @@ import statistics
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from benchmarks.hidden_effects.catalogue import BODY_EFFECTS, EFFECTS, instrument_forms
-from benchmarks.hidden_effects.plan import GAIT_BLOCKS
+from benchmarks.hidden_effects.catalogue import BODY_EFFECTS, EFFECTS, JOINT_EFFECTS, instrument_forms
+from benchmarks.hidden_effects.plan import GAIT_BLOCKS, JOINT_BLOCKS
 from benchmarks.hidden_effects.score import (
     NAMING_VERDICTS,
     WRONG_OUTCOMES,
@@ -68,7 +68,8 @@ class ParameterInterval(NamedTuple):
 def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
     """Return all metrics in the order of the table of targets."""
     gait_rows = [row for row in rows if row.truth["block"] in GAIT_BLOCKS]
-    rows = [row for row in rows if row.truth["block"] not in GAIT_BLOCKS]
+    joint_rows = [row for row in rows if row.truth["block"] in JOINT_BLOCKS]
+    rows = [row for row in rows if row.truth["block"] not in GAIT_BLOCKS + JOINT_BLOCKS]
     rows_by_block = {
         block: [r for r in rows if r.truth["block"] == block] for block in {r.truth["block"] for r in rows}
     }
@@ -156,6 +157,59 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         _fraction_metric("slow, moving or noisy logs: nothing missing", rows_of("logging"), _is_right, 0.90),
         _quantile_metric("seconds for a dataset, median", [row.verdict["s"] for row in rows], 0.5, 30.0, at_most=True),
         *(_compute_gait_metrics(gait_rows) if gait_rows else ()),
+        *(_compute_joint_metrics(joint_rows) if joint_rows else ()),
+    ]
+
+
+def _compute_joint_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
+    """Return the same metrics for datasets of a joint, which may take one minute each."""
+
+    def rows_of(*blocks: str) -> list[DatasetResult]:
+        return [row for row in rows if row.truth["block"] in blocks]
+
+    relevant = [row for row in rows_of("joint") if row.truth["size"] >= MIN_RELEVANT_SIZE]
+    named = rows_of("joint", "joint_clean", "joint_pair")
+    parameter_intervals = list(iter_parameter_intervals(rows_of("joint", "joint_pair")))
+    errors = [interval.relative_error for interval in parameter_intervals]
+    return [
+        _fraction_metric(
+            "joints: first name right, effect at least as large as the noise", relevant, _is_first_right, 0.95
+        ),
+        _fraction_metric("joints: exact set, effect at least as large as the noise", relevant, _is_right, 0.90),
+        _fraction_metric("joints: exact set, pairs", rows_of("joint_pair"), _is_right, 0.85),
+        _fraction_metric(
+            "joints: false alarms on clean data",
+            rows_of("joint_clean"),
+            lambda r: r.outcome == "false-alarm",
+            0.0,
+            at_most=True,
+        ),
+        _fraction_metric(
+            "joints: wrong name, at any size", named, lambda r: r.outcome in WRONG_OUTCOMES, 0.02, at_most=True
+        ),
+        _fraction_metric(
+            "joints: in no catalogue: flagged, or nothing left to flag",
+            rows_of("joint_outside"),
+            lambda r: r.outcome in ("flagged", "absorbed"),
+            0.95,
+        ),
+        _fraction_metric("joints: instrument taken for the rest or back", named, _is_kind_confused, 0.02, at_most=True),
+        _fraction_metric(
+            "joints: imperfect law: names right", _select_hidden(rows_of("joint_imperfect")), _is_right, 0.90
+        ),
+        _fraction_metric(
+            "joints: imperfect law: an effect is invented",
+            [row for row in rows_of("joint_imperfect") if not list_hidden_effects(row.truth)],
+            lambda r: r.outcome == "false-alarm",
+            0.05,
+            at_most=True,
+        ),
+        _quantile_metric("joints: error of a number, median", errors, 0.5, 0.03, at_most=True),
+        _quantile_metric("joints: error of a number, 90th percentile", errors, 0.9, 0.15, at_most=True),
+        _coverage_metric(parameter_intervals, "joints: 95 % intervals that cover the truth"),
+        _quantile_metric(
+            "joints: seconds for a dataset, median", [row.verdict["s"] for row in rows], 0.5, 60.0, at_most=True
+        ),
     ]
 
 
@@ -280,7 +334,8 @@ def iter_parameter_intervals(rows: Iterable[DatasetResult]) -> Iterator[Paramete
             reported = next(e for e in row.verdict["effects"] if _is_same_effect(e, true))
             if len(reported["parameters"]) != len(true["parameters"]) or not _is_same_form(reported, true):
                 continue
-            forms = instrument_forms(true["channel"]) if true.get("channel") else EFFECTS | BODY_EFFECTS
+            known = EFFECTS | BODY_EFFECTS | JOINT_EFFECTS
+            forms = instrument_forms(true["channel"]) if true.get("channel") else known
             parameters = forms[true["name"], true["form"]]
             values = zip(reported["parameters"].items(), true["parameters"].items(), strict=True)
             for (_, estimate), (key, value) in values:  # a fault's numbers are called otherwise there

@@ -7,8 +7,10 @@ from benchmarks.hidden_effects.catalogue import (
     BENCH_CHANNELS,
     BODY_EFFECTS,
     EFFECTS,
+    JOINT_EFFECTS,
     KNOWN_VALVE,
     OTHER_FORMS,
+    OUT_OF_CATALOGUE_JOINT_FORMS,
     VALVE_EFFECTS,
     Forms,
     HiddenParameter,
@@ -37,6 +39,11 @@ BLOCK_SIZES = {
     "wrong_number": 48,
     "logging": 20,
     "walk_registration": 20,
+    "joint": 48,
+    "joint_clean": 40,
+    "joint_pair": 12,
+    "joint_outside": 24,
+    "joint_imperfect": 12,
 }
 """Number of datasets of each block that gives sufficient statistics."""
 HALF_SEEDS = {"development": 101, "test": 303}
@@ -67,7 +74,24 @@ STRONG_EFFECTS = (
 FORCE_RANGE_N = 900.0
 """Range of the force in the programs [N], which the error of the law in block ``imperfect`` is a fraction of."""
 GAIT_BLOCKS = ("walk", "walk_clean", "walk_registration")
-"""Blocks of the gait rig; the others are of the bench."""
+"""Blocks of the gait rig."""
+JOINT_BLOCKS = ("joint", "joint_clean", "joint_pair", "joint_outside", "joint_imperfect")
+"""Blocks of the antagonist joint; those of neither rig are of the bench."""
+JOINT_CASES: tuple[tuple[str, str, str | None], ...] = (
+    *((name, form, None) for name, form in JOINT_EFFECTS),
+    ("sensor_backlash", "play", "angle_joint"),
+    ("pressure_lag", "first_order", None),
+    ("sensor_gain", "gain", "angle_joint"),
+    ("braid_hysteresis", "coulomb", None),
+    ("sensor_offset", "offset", "pressure_flexor"),
+    ("pressure_delay", "dead_time", None),
+    ("muscle_damping", "viscous", None),
+    ("sensor_lag", "first_order", "angle_joint"),
+    ("regulator_error", "offset", None),
+    ("pressure_lag", "first_order", "flexor"),
+)
+"""Hidden cases of a joint: name, form, and the channel of an instrument or the tendon of the only device that has it.
+"""
 GAIT_CASES: tuple[tuple[str, str, str | None], ...] = (
     *((name, form, None) for name, form in BODY_EFFECTS),
     ("seal_friction", "coulomb", None),
@@ -159,8 +183,25 @@ def plan_datasets(block: str, count: int, seed: int, *, typical: bool = False) -
 def _block_content(block: str, index: int, rng: np.random.Generator | None) -> DatasetSpec:
     singles, others = list(EFFECTS), list(OTHER_FORMS)
     match block:
-        case "clean" | "walk_clean":
+        case "clean" | "walk_clean" | "joint_clean":
             return {}
+        case "joint":
+            turn, position = divmod(index, len(JOINT_CASES))
+            return _draw_joint_case(JOINT_CASES[position], rng, TARGET_SIZES[turn % len(TARGET_SIZES)])
+        case "joint_pair":
+            return _draw_joint_pair(index, rng)
+        case "joint_outside":
+            turn, position = divmod(index, 3)
+            if position == 0:
+                forms = list(OUT_OF_CATALOGUE_JOINT_FORMS)
+                stranger = draw_effect(OUT_OF_CATALOGUE_JOINT_FORMS, forms[turn % len(forms)], rng, 8.0)
+                return {"strangers": [stranger]}
+            return _draw_joint_case(JOINT_CASES[(2 * turn + position - 1) % 6], rng, 8.0) | {"deleted": True}
+        case "joint_imperfect":
+            error = draw_law_error(rng)
+            if index % 3 == 2:
+                return {"law_error": error}
+            return {**_draw_joint_case(JOINT_CASES[(2 * (index // 3) + index % 3) % 6], rng, 30.0), "law_error": error}
         case "walk":
             turn, position = divmod(index, len(GAIT_CASES))
             name, form, channel = GAIT_CASES[position]
@@ -228,6 +269,25 @@ def _draw_outside(index: int, rng: np.random.Generator | None, target_size: floa
 
 def _draw_fault(key: tuple[str, str], channel: str, rng: np.random.Generator | None, target_size: float) -> DatasetSpec:
     return {"instruments": [{**draw_effect(instrument_forms(channel), key, rng, target_size), "channel": channel}]}
+
+
+def _draw_joint_case(
+    case: tuple[str, str, str | None], rng: np.random.Generator | None, target_size: float
+) -> DatasetSpec:
+    name, form, owner = case
+    if owner is not None and "_" in owner:
+        return _draw_fault((name, form), owner, rng, target_size)
+    effect = draw_effect(EFFECTS | JOINT_EFFECTS, (name, form), rng, target_size)
+    return {"effects": [effect if owner is None else {**effect, "tendon": owner}]}
+
+
+def _draw_joint_pair(index: int, rng: np.random.Generator | None) -> DatasetSpec:
+    """Return an effect of the joint and another cause, each 2 to 8 times the noise when alone."""
+    generator = rng or np.random.default_rng(index)
+    first, second = JOINT_CASES[index % 6], JOINT_CASES[6 + (5 * index + index // 6) % (len(JOINT_CASES) - 6)]
+    sizes = np.exp(generator.uniform(np.log(2.0), np.log(8.0), 2))
+    specs = [_draw_joint_case(case, rng, float(size)) for case, size in zip((first, second), sizes, strict=True)]
+    return {kind: [*specs[0].get(kind, ()), *specs[1].get(kind, ())] for kind in ("effects", "instruments")}
 
 
 def _draw_combination(count: int, index: int, rng: np.random.Generator | None) -> DatasetSpec:

@@ -26,13 +26,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.hidden_effects import walks
+from benchmarks.hidden_effects import joints, walks
 from benchmarks.hidden_effects.catalogue import EXACT_TWINS
 from benchmarks.hidden_effects.follow_up import make_follow_up
 from benchmarks.hidden_effects.generate import make_dataset
 from benchmarks.hidden_effects.metrics import DatasetResult
 from benchmarks.hidden_effects.page import render_page
-from benchmarks.hidden_effects.plan import BLOCK_SIZES, GAIT_BLOCKS, HALF_SEEDS, DatasetSpec, plan_datasets
+from benchmarks.hidden_effects.plan import (
+    BLOCK_SIZES,
+    GAIT_BLOCKS,
+    HALF_SEEDS,
+    JOINT_BLOCKS,
+    DatasetSpec,
+    plan_datasets,
+)
 from benchmarks.hidden_effects.report import print_report
 from benchmarks.hidden_effects.score import score_follow_up, score_verdict
 from rich.console import Console
@@ -41,14 +48,22 @@ from rich.progress import track
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 Verdict = dict[str, Any]
+MAKERS: Mapping[str, Callable[..., Verdict]] = {
+    "bench": make_dataset,
+    "gait": walks.make_dataset,
+    "joint": joints.make_dataset,
+}
+"""Rig -> function that makes a dataset."""
 
 
-def compute_code_digest(*, include_gait: bool = False) -> str:
-    """Return the digest of all code that determines a verdict, including the gait replay with ``include_gait``."""
+def compute_code_digest(rig: str = "bench") -> str:
+    """Return the digest of all code that determines a verdict on ``rig`` (``bench``, ``gait`` or ``joint``)."""
     parts = ("laws", "effects", "device", "datasets", "bench", "diagnosis")
-    parts += ("gait/replay",) if include_gait else ()
+    parts += {"bench": (), "gait": ("gait/replay",), "joint": ("mechanism", "plant")}[rig]
     files = sorted(file for part in parts for file in (ROOT / "src" / "klute_sim" / part).rglob("*.py"))
-    if include_gait:
+    if rig == "joint":
+        files.append(ROOT / "models" / "antagonist_joint.xml")
+    if rig == "gait":
         gait = ROOT / "src" / "klute_sim" / "gait"
         files += [gait / "rig" / "build.py", gait / "body.py", ROOT / "models" / "ankle.xml"]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
@@ -98,21 +113,21 @@ class BenchmarkRun:
         """Set up the folder; ``methods`` are the baseline methods by name."""
         self._folder, self._n_jobs, self._methods = folder, n_jobs, methods
         self._code_digests, self._baselines_digest = (
-            {False: compute_code_digest(), True: compute_code_digest(include_gait=True)},
+            {rig: compute_code_digest(rig) for rig in MAKERS},
             compute_baselines_digest(),
         )
         (folder / "results").mkdir(parents=True, exist_ok=True)
 
     def process_dataset(self, spec: DatasetSpec) -> tuple[DatasetResult, dict[str, DatasetResult]]:
         """Return the results of the dataset ``spec`` for the program and for every baseline method."""
-        name, is_gait = spec["name"], spec["block"] in GAIT_BLOCKS
+        name, rig = spec["name"], get_rig(spec["block"])
         dataset, truth_file = self._folder / name, self._folder / f"{name}.truth.json"
         if not truth_file.exists():
             arguments = {key: value for key, value in spec.items() if key != "name"}
-            (walks.make_dataset if is_gait else make_dataset)(dataset, **arguments, truth=truth_file)
+            MAKERS[rig](dataset, **arguments, truth=truth_file)
         excluded = list_excluded(spec["effects"]) if spec.get("deleted") else ()
         verdict = load_or_compute(
-            self._result_path(name, self._code_digests[is_gait]),
+            self._result_path(name, self._code_digests[rig]),
             partial(run_diagnosis, dataset, excluded, self._n_jobs),
         )
         answers = {
@@ -125,7 +140,7 @@ class BenchmarkRun:
         second_outcome = None
         if verdict["verdict"] == "indistinguishable" and verdict["next_experiment"]:
             second_verdict = load_or_compute(
-                self._result_path(f"{name}_second", self._code_digests[is_gait]),
+                self._result_path(f"{name}_second", self._code_digests[rig]),
                 partial(self._run_follow_up, dataset, truth, verdict, excluded),
             )
             second_outcome = score_follow_up(truth, second_verdict)
@@ -146,6 +161,11 @@ class BenchmarkRun:
         with tempfile.TemporaryDirectory() as folder:
             make_follow_up(dataset, truth, verdict["next_experiment"], Path(folder) / "again")
             return run_diagnosis(Path(folder) / "again", excluded, self._n_jobs)
+
+
+def get_rig(block: str) -> str:
+    """Return the rig of ``block``."""
+    return "gait" if block in GAIT_BLOCKS else "joint" if block in JOINT_BLOCKS else "bench"
 
 
 def list_excluded(effects: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
@@ -185,7 +205,7 @@ def main() -> None:
         methods = load_baselines() if arguments.baselines else {}
     except ModuleNotFoundError as error:
         parser.error(str(error))
-    blocks = [block for block in arguments.block or BLOCK_SIZES if not (methods and block in GAIT_BLOCKS)]
+    blocks = [block for block in arguments.block or BLOCK_SIZES if not (methods and get_rig(block) != "bench")]
     specs = list(_iter_specs(blocks, arguments.count, HALF_SEEDS[arguments.half], arguments.shard))
     console = Console(stderr=True)
     run = BenchmarkRun(arguments.out, max(1, (os.cpu_count() or 1) // arguments.at_once), methods)

@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from benchmarks.hidden_effects.catalogue import EFFECTS
+
 Truth = Mapping[str, Any]
 Verdict = Mapping[str, Any]
 
@@ -11,13 +13,15 @@ FLAGGED_VERDICTS = {"unexplained", "insufficient-data"}
 NAMING_VERDICTS = {"identified", "identified-in-part", "indistinguishable"}
 MAX_ABSORBED_RESIDUAL = 0.6
 """Largest residual after refitting, over the noise, that leaves nothing to identify."""
+PHYSICAL_NAMES = {name for name, _ in EFFECTS}
+"""Names of effects of devices, of which one device of a joint may have one alone."""
 WRONG_OUTCOMES = {"wrong", "false-alarm"}
 """Outcomes with a false effect."""
 
 
 def format_effect(effect: Mapping[str, Any]) -> str:
-    """Return the name of an effect, with its channel for an instrument fault, or a wrong number with its key."""
-    place = effect.get("channel") or effect.get("number")
+    """Return the name of an effect, with its channel, key or tendon where only this one has it."""
+    place = effect.get("channel") or effect.get("number") or effect.get("tendon")
     return f"{effect['name']}@{place}" if place else str(effect["name"])
 
 
@@ -139,5 +143,5 @@ def are_kinds_confused(truth: Truth, verdict: Verdict) -> bool:
     identified = list_named_effects(verdict)
     if list_hidden_effects(truth) in list_effect_sets(verdict):
         return False
-    physics, faults = any("@" not in name for name in identified), any("@" in name for name in identified)
-    return bool((faults and not truth["instruments"]) or (physics and not truth["effects"]))
+    is_fault = ["@" in name and name.partition("@")[0] not in PHYSICAL_NAMES for name in identified]
+    return bool((any(is_fault) and not truth["instruments"]) or (not all(is_fault) and not truth["effects"]))

@@ -48,7 +48,8 @@ def list_indistinguishable_pairs(diagnosis: Diagnosis) -> list[list[str]]:
 
 
 def _format_term(term: EffectTerm) -> str:
-    return f"{term.effect}@{term.channel or term.number}" if term.channel or term.number else term.effect
+    owner = term.channel or term.number or term.tendon
+    return f"{term.effect}@{owner}" if owner else term.effect
 
 
 def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
