@@ -34,7 +34,7 @@ _MODULES = {
     "klute_sim.api.joint": ("JointRun", "export_mjcf", "simulate_joint"),
     "klute_sim.api.mocap": ("DatasetImport", "GaitImport", "export_run", "import_dataset", "import_gait"),
     "klute_sim.api.reproduction": ("ReproductionResult", "reproduce"),
-    "klute_sim.api.sweep": ("SweepResult", "sweep"),
+    "klute_sim.api.sweep": ("SweepResult", "sweep", "sweep_walks"),
     "klute_sim.api.training": ("TrainingResult", "train"),
     "klute_sim.api.tuning": ("TuningResult", "tune"),
     "klute_sim.api.walk": ("WalkRun", "simulate_walk"),

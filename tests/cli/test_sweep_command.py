@@ -30,6 +30,37 @@ ARGUMENTS = (
 )
 
 
+def test_walks_are_swept_and_options_of_the_other_rig_are_refused(tmp_path: Path) -> None:
+    arguments = (
+        "--rig",
+        "walk",
+        "--machine",
+        "push_off_bar=4.4",
+        "--controller",
+        "constant:3",
+        "--walker",
+        "machine-1",
+    )
+    done = run("sweep", *arguments, "--seconds", "1", "--jobs", "1", "--out", "w", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)["rows"]
+    assert [(row["controller"], row["acute"]) for row in rows] == [
+        ("constant:3", True),
+        ("machine, push_off_bar 4.4", False),
+    ]
+    assert {row["time_step [s]"] for row in rows} == {1e-3}
+    for arguments, message in (
+        (("--rig", "walk", "--mass", "60"), "--mass belongs to --rig gait; leave it out with --rig walk"),
+        (("--walker", "machine-1"), "--walker belongs to --rig walk; leave it out with --rig gait"),
+        (("--rig", "walk", "--machine", "push_off_bar"), "is not of the form push_off_bar=3.4,4.4"),
+        (("--rig", "walk", "--machine", "push_off_bar=a"), "'a' is not a number"),
+    ):
+        refused = run("sweep", *arguments, cwd=tmp_path)
+        assert refused.returncode == 2
+        assert message in refused.stderr
+        assert len(refused.stderr.splitlines()) == 1
+
+
 @pytest.fixture(scope="module")
 def finished_sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("sweep")

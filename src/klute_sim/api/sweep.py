@@ -1,9 +1,10 @@
-"""Simulate every combination of inputs: :func:`sweep` and its result :class:`SweepResult`."""
+"""Simulate every combination of inputs: :func:`sweep`, :func:`sweep_walks`, and their :class:`SweepResult`."""
 
 import glob
-from collections.abc import Collection, Iterator, Sequence
+import itertools
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,17 +12,22 @@ from typing import TYPE_CHECKING, Any
 from klute_sim.api.inputs import ControllerLike, DeviceLike, get_input_name, stage_progress, to_controller, to_device
 from klute_sim.api.optional import import_pandas
 from klute_sim.api.rendering import Summary, render_html, render_text
-from klute_sim.device.device import DEFAULT_DEVICE
-from klute_sim.errors import InputError
+from klute_sim.controllers.parse import Controller
+from klute_sim.controllers.state_machine import load_default_state_machine
+from klute_sim.device.device import DEFAULT_DEVICE, Device
+from klute_sim.errors import InputError, suggest
 from klute_sim.gait.reference import Reference, load_default_reference, load_reference
-from klute_sim.parameter_sweep import cluster, display, table
+from klute_sim.parameter_sweep import cluster, display, table, walk_display
 from klute_sim.parameter_sweep.local import LocalRunner
 from klute_sim.parameter_sweep.plan import ABLE_BODIED_REFERENCE, SweepPlan
 from klute_sim.parameter_sweep.runner import Runner
 from klute_sim.parameter_sweep.store import ResultStore, open_store
 from klute_sim.parameter_sweep.sweep import run_sweep
+from klute_sim.parameter_sweep.walk_plan import NO_PUSH, WalkSweepPlan
 from klute_sim.recording.atomic_file import replace_atomically
 from klute_sim.types import ProgressCallback
+from klute_sim.walker.person.build import MAX_DT
+from klute_sim.walker.reflexes.walker_file import Walker, load_walker
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +38,7 @@ if TYPE_CHECKING:
 class SweepResult:
     """The finished cases of a sweep, one row per combination."""
 
-    plan: SweepPlan
+    plan: SweepPlan | WalkSweepPlan
     """Lists whose combinations were simulated."""
     rows: list[table.SweepRow]
     """Inputs, metrics and failure of each case, by column, in the order of the plan."""
@@ -47,7 +53,11 @@ class SweepResult:
         return sum(row[table.FAILURE_COLUMN] is not None for row in self.rows)
 
     def format_summary(self) -> Summary:
-        """Yield the table of the first cases and the remarks on the sweep."""
+        """Yield the table of the first cases, or of the conditions of walks, and the remarks on the sweep."""
+        if isinstance(self.plan, WalkSweepPlan):
+            yield walk_display.format_walk_table(self.rows)
+            yield from walk_display.collect_walk_remarks(self.rows, self.n_failed)
+            return
         yield display.format_table(self.rows)
         yield from display.collect_remarks(self.rows, self.n_failed)
 
@@ -65,25 +75,30 @@ class SweepResult:
     def to_pandas(self) -> "pd.DataFrame":
         """Return the rows as a DataFrame; raises MissingExtraError without pandas."""
         pandas = import_pandas("SweepResult.to_pandas")
-        frame: pd.DataFrame = pandas.DataFrame(self.rows, columns=list(table.COLUMN_TYPES))
+        frame: pd.DataFrame = pandas.DataFrame(self.rows, columns=list(table.get_column_types(self.plan)))
         return frame
 
-    def plot(self, metric: str = "ankle_work_net [J/kg]", over: str = "mass [kg]") -> "Figure":
+    def plot(self, metric: str | None = None, over: str | None = None) -> "Figure":
         """Return a figure of ``metric`` over the input column ``over``, one line per device and controller.
 
-        Raises InputError when a column does not exist.
+        None: net ankle work over body mass, and of walks the cost after Minetti and Alexander over push-off pressure,
+        one line per walker. Raises InputError when a column does not exist.
         """
         from matplotlib.figure import Figure
 
+        is_walk, columns = isinstance(self.plan, WalkSweepPlan), table.get_column_types(self.plan)
+        metric = metric or ("cost_minetti [J/kg/m]" if is_walk else "ankle_work_net [J/kg]")
+        over = over or ("push_off_pressure [bar]" if is_walk else "mass [kg]")
         for column in (metric, over):
-            if column not in table.COLUMN_TYPES:
-                raise InputError(f"there is no column '{column}'; allowed: {', '.join(table.COLUMN_TYPES)}")
+            if column not in columns:
+                raise InputError(f"there is no column '{column}'; allowed: {', '.join(columns)}")
         figure = Figure(figsize=(7.0, 4.0), layout="constrained")
         axis = figure.subplots()
         points: dict[str, list[tuple[Any, Any]]] = {}
         for row in self.rows:
             if row[metric] is not None and row[over] is not None:
-                points.setdefault(f"{row['device']}, {row['controller']}", []).append((row[over], row[metric]))
+                label = row["walker"] if is_walk else f"{row['device']}, {row['controller']}"
+                points.setdefault(label, []).append((row[over], row[metric]))
         for label, pairs in points.items():
             axis.plot(*zip(*sorted(pairs), strict=True), "o-", label=label)
         axis.set_xlabel(over)
@@ -158,13 +173,8 @@ def sweep(
     is_only_feet = bool(spring_feet) and not _to_list(devices) and not _to_list(controllers)
     chosen_devices = [] if is_only_feet else _to_list(devices) or [DEFAULT_DEVICE]
     chosen_controllers = [] if is_only_feet else _to_list(controllers) or ["profile"]
-    chosen_feet = _to_list(feet) or [None]
     plan = SweepPlan(
-        devices={
-            get_input_name(device) + ("" if foot is None else f", {foot}"): to_device(device, foot)
-            for device in chosen_devices
-            for foot in chosen_feet
-        },
+        devices=_name_devices(chosen_devices, feet),
         controllers={get_input_name(controller): to_controller(controller) for controller in chosen_controllers},
         references={
             get_input_name(reference): _load_reference(reference, accept)
@@ -179,6 +189,110 @@ def sweep(
         strides=strides,
         dt=time_step,
     )
+    return _run(plan, folder, n_jobs, ray_address, progress)
+
+
+def sweep_walks(
+    devices: Sequence[DeviceLike] | DeviceLike = (),
+    *,
+    controllers: Sequence[ControllerLike] | ControllerLike = (),
+    machine: Mapping[str, Sequence[float]] | None = None,
+    spring_feet: Sequence[float] = (),
+    feet: Sequence[str] | str = (),
+    walkers: Sequence[Walker | str | Path] | Walker | str | Path = (),
+    slopes: Sequence[float] = (0.0,),
+    uneven: Sequence[float] = (0.0,),
+    pushes: Sequence[tuple[float, float]] = (NO_PUSH,),
+    seconds: float = 20.0,
+    seed: int = 0,
+    time_step: float = MAX_DT,
+    folder: str | Path | None = None,
+    n_jobs: int = 0,
+    ray_address: str | None = None,
+    progress: ProgressCallback | None = None,
+) -> SweepResult:
+    """Predict the walk of every walker in every combination of the listed inputs, and return one row for each walk.
+
+    A row states whether the walker has adapted to the condition or walks in it *acutely* (column ``acute``). Results
+    are stored in ``folder`` as they finish; an interrupted sweep resumes there.
+
+    Args:
+        devices: Devices, presets or paths; empty: the default device, or none if there are only ``spring_feet``.
+        controllers: Controllers or specifications; empty: ``"machine"``, unless ``machine`` is given.
+        machine: Values by number of the default state machine, such as ``{"push_off_bar": [3.4, 4.4]}``: one more
+            controller for every combination of the values.
+        spring_feet: Stiffnesses of passive feet [N.m/deg], simulated in addition to the devices.
+        feet: Prosthetic feet below the ankle, such as ``"sach"``, that each device gets in turn; empty: that of the
+            device.
+        walkers: Walkers, names of shipped ones, or paths; empty: for each prosthesis the shipped ones that have adapted
+            to it with the default state machine, or to the nearest one.
+        slopes: Ground slopes [deg], uphill positive.
+        uneven: Largest heights of the blocks on the ground [mm].
+        pushes: Pushes, each in walks of its own: impulse [N.s], forward positive, and phase of the right leg's stride
+            [%]. An impulse of 0 is no push.
+        seconds: Duration of a walk [s]; a fall ends it earlier.
+        seed: Random seed of the uneven ground.
+        time_step: Time step [s], up to 1 ms.
+        folder: Folder of the results, new, empty or of the same sweep; None: the next ``runs/sweep-NNN``.
+        n_jobs: Number of worker processes; 0: one per core.
+        ray_address: Address of a Ray cluster, ``"auto"`` or ``"local"``; None: processes on this machine.
+        progress: Receives the completed fraction and the current stage.
+
+    Raises InputError when an input is not usable or the folder holds something else.
+    """
+    machines = build_machines(machine or {})
+    is_only_feet = bool(spring_feet) and not (_to_list(devices) or _to_list(controllers) or machines)
+    chosen_controllers = _to_list(controllers) or ([] if machines else ["machine"])
+    plan = WalkSweepPlan(
+        devices={} if is_only_feet else _name_devices(_to_list(devices) or [DEFAULT_DEVICE], feet),
+        controllers={get_input_name(controller): to_controller(controller) for controller in chosen_controllers}
+        | machines,
+        spring_feet=dict.fromkeys(spring_feet, to_device(DEFAULT_DEVICE)),
+        walkers=[walker if isinstance(walker, Walker) else load_walker(walker) for walker in _to_list(walkers)],
+        slopes_deg=slopes,
+        unevennesses_mm=uneven,
+        pushes=pushes,
+        seconds=seconds,
+        seed=seed,
+        dt=time_step,
+    )
+    return _run(plan, folder, n_jobs, ray_address, progress)
+
+
+def build_machines(values: Mapping[str, Sequence[float]]) -> dict[str, Controller]:
+    """Return the default state machine with every combination of ``values`` by the name of a number, by label.
+
+    Raises InputError when the machine has no such number, or it is out of range.
+    """
+    default = load_default_state_machine()
+    known = [name for name in default.describe() if name not in ("kind", "interval")]
+    for name in values:
+        if name not in known:
+            listing = f"allowed: {', '.join(known)}"
+            raise InputError(f"the state machine has no '{name}'; {suggest(name, known, listing)}")
+    machines: dict[str, Controller] = {}
+    for numbers in itertools.product(*values.values()) if values else ():
+        changes: dict[str, Any] = dict(zip(values, numbers, strict=True))
+        label = ", ".join(f"{name} {number:g}" for name, number in changes.items())
+        machines[f"machine, {label}"] = replace(default, **changes)
+    return machines
+
+
+def _name_devices(devices: Sequence[DeviceLike], feet: Sequence[str] | str) -> dict[str, Device]:
+    return {
+        get_input_name(device) + ("" if foot is None else f", {foot}"): to_device(device, foot)
+        for device in devices
+        for foot in _to_list(feet) or [None]
+    }
+
+
+def _run(
+    plan: SweepPlan | WalkSweepPlan,
+    folder: str | Path | None,
+    n_jobs: int,
+    ray_address: str | None,
+    progress: ProgressCallback | None,
+) -> SweepResult:
     with _open_runner(n_jobs, ray_address) as runner:
         store = open_store(folder, plan.describe(), "sweep")
         with store.lock(), explain_interrupt(store.folder):

@@ -2,10 +2,13 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from klute_sim.cli import common
+from klute_sim.cli.walk import PushType
 
 REFERENCE_SPEED = "reference"
 """Keyword for the speed that reference and leg length imply."""
@@ -26,6 +29,17 @@ def _parse_speeds(context: click.Context, option: click.Parameter, values: tuple
     )
 
 
+def _parse_machine(context: click.Context, option: click.Parameter, values: tuple[str, ...]) -> dict[str, list[float]]:
+    """Return the values of each number of the state machine."""
+    machine = {}
+    for value in values:
+        name, separator, numbers = value.partition("=")
+        if not separator:
+            raise click.BadParameter(f"'{value}' is not of the form push_off_bar=3.4,4.4", param=option)
+        machine[name.strip()] = _parse_numbers(context, option, (numbers,))
+    return machine
+
+
 def _split_values(values: tuple[str, ...]) -> list[str]:
     return [text.strip() for value in values for text in value.split(",")]
 
@@ -37,7 +51,36 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
         raise click.BadParameter(f"'{text}' is not {expected}", param=option) from None
 
 
+GAIT_OPTIONS = ("speeds", "references", "stride_times", "accept", "masses", "statures", "strides")
+"""Options that only the gait rig takes."""
+WALK_OPTIONS = ("machine", "walkers", "uneven", "pushes", "seconds", "seed")
+"""Options that only the predicted walk takes."""
+WALK_STEP_MS = 1.0
+"""Default time step of a predicted walk [ms]."""
+
+
+def _check_rig(context: click.Context, rig: str) -> None:
+    """Raise InputError when an option of the other rig is given."""
+    from klute_sim.errors import InputError
+
+    other, names = ("gait", GAIT_OPTIONS) if rig == "walk" else ("walk", WALK_OPTIONS)
+    for parameter in context.command.params:
+        if parameter.name in names and _is_given(context, parameter.name):
+            raise InputError(f"{parameter.opts[0]} belongs to --rig {other}; leave it out with --rig {rig}")
+
+
+def _is_given(context: click.Context, name: str) -> bool:
+    return context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+
+
 @click.command("sweep")
+@click.option(
+    "--rig",
+    type=click.Choice(["gait", "walk"]),
+    default="gait",
+    show_default=True,
+    help="Gait rig, which prescribes the motion of the limb, or a predicted walk by muscles and reflexes.",
+)
 @click.option(
     "--device",
     "devices",
@@ -51,7 +94,53 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     multiple=True,
     metavar="SPEC",
     help="Pressure controller, as in 'klute-sim gait': profile, off, constant:BAR, machine, or a file; may be "
-    "repeated.  [default: profile]",
+    "repeated.  [default: profile, or machine with --rig walk]",
+)
+@click.option(
+    "--machine",
+    callback=_parse_machine,
+    multiple=True,
+    metavar="NUMBER=V,...",
+    help="With --rig walk: values of a number of the state machine, such as push_off_bar=3.4,4.4 (pressure) or "
+    "lean_deg=10,14 (timing of push-off); may be repeated for every combination.",
+)
+@click.option(
+    "--walker",
+    "walkers",
+    multiple=True,
+    metavar="NAME|FILE",
+    help="With --rig walk: walker, shipped or a file; may be repeated.  [default: all that have adapted to the "
+    "prosthesis with the default state machine]",
+)
+@click.option(
+    "--uneven",
+    callback=_parse_numbers,
+    multiple=True,
+    metavar="MM,...",
+    help="With --rig walk: largest heights of the blocks of 0.5 m on the ground [mm].  [default: 0]",
+)
+@click.option(
+    "--push",
+    "pushes",
+    type=PushType(),
+    multiple=True,
+    metavar="NS@PCT",
+    help="With --rig walk: push on the hip, as in 'klute-sim walk', in walks of its own; 0@0 is none; may be "
+    "repeated.  [default: no push]",
+)
+@click.option(
+    "--seconds",
+    type=common.NumberWithUnit("s"),
+    default=20.0,
+    metavar="S",
+    help="With --rig walk: duration of a walk [s].  [default: 20]",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    metavar="N",
+    help="With --rig walk: random seed of uneven ground.  [default: 0]",
 )
 @click.option(
     "--speed",
@@ -136,9 +225,11 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
 @common.resumable_out_option("sweep", "the sweep")
 @click.option("--csv", "with_csv", is_flag=True, help="Also write sweep.csv.")
 @common.json_option()
+@click.pass_context
 def command(
-    devices: tuple[str, ...],
-    controllers: tuple[str, ...],
+    context: click.Context,
+    /,
+    rig: str,
     speeds: list[float | None],
     slopes: list[float],
     references: tuple[str, ...],
@@ -146,21 +237,27 @@ def command(
     accept: tuple[str, ...],
     masses: list[float],
     statures: list[float],
-    spring_feet: list[float],
-    feet: tuple[str, ...],
     strides: int,
+    machine: dict[str, list[float]],
+    walkers: tuple[str, ...],
+    uneven: list[float],
+    pushes: tuple[tuple[float, float], ...],
+    seconds: float,
+    seed: int,
     step_ms: float,
     jobs: int | None,
     ray_address: str | None,
     out: Path | None,
     with_csv: bool,
     as_json: bool,
+    **conditions: Any,
 ) -> None:
     """Simulate every combination of devices, controllers, references, subjects, speeds and slopes.
 
-    Each combination is simulated like one call of 'klute-sim gait', on all cores or on a cluster, and gives one row of
-    the table. If a combination fails, its row states the reason. Finished cases are stored at once: after an interrupt,
-    the same command with the same --out resumes the sweep.
+    Each combination is simulated like one call of 'klute-sim gait', or with --rig walk of 'klute-sim walk' with every
+    walker, on all cores or on a cluster, and gives one row of the table. If a combination fails, its row states the
+    reason. Finished cases are stored at once: after an interrupt, the same command with the same --out resumes the
+    sweep.
 
     Writes sweep.parquet (one row per combination, columns 'name [unit]'), sweep.json (the plan with the device files)
     and one file per case.
@@ -175,37 +272,50 @@ def command(
       klute-sim sweep --foot rigid --foot sach --foot sach+shoe
       klute-sim sweep --device klute-1-1-4-pair --device my.toml --controller profile --controller off
       klute-sim sweep --controller constant:2 --controller mine.csv --out my-sweep --csv
+      klute-sim sweep --rig walk --machine push_off_bar=3.4,3.9,4.4 --machine lean_deg=10,14,18
+      klute-sim sweep --rig walk --spring-foot 4,6,8 --push 10@25 --push -10@25
       klute-sim sweep --mass 60,75,90 --ray local
       klute-sim sweep --mass 60,75,90 --ray 10.0.0.1:6379 --json | python -m json.tool
     """
     from klute_sim.api.rendering import print_summary
-    from klute_sim.api.sweep import sweep
+    from klute_sim.api.sweep import sweep, sweep_walks
     from klute_sim.cli.console import progress_bar, stderr_console, stdout_console
     from klute_sim.errors import InputError
     from klute_sim.parameter_sweep.plan import ABLE_BODIED_REFERENCE
 
     if ray_address is not None and jobs is not None:
         raise InputError("--jobs and --ray exclude each other: Ray uses all cores of the cluster")
+    _check_rig(context, rig)
+    execution: dict[str, Any] = {"folder": out, "n_jobs": jobs or 0, "ray_address": ray_address}
+    conditions["slopes"] = slopes or [0.0]
     with progress_bar("simulating") as progress:
-        result = sweep(
-            devices,
-            controllers=controllers,
-            speeds=speeds or [None],
-            slopes=slopes or [0.0],
-            references=references or [ABLE_BODIED_REFERENCE],
-            stride_times=stride_times or [None],
-            accept=accept,
-            masses=masses or [None],
-            statures=statures or [None],
-            spring_feet=spring_feet,
-            feet=feet,
-            strides=strides,
-            time_step=1e-3 * step_ms,
-            folder=out,
-            n_jobs=jobs or 0,
-            ray_address=ray_address,
-            progress=progress,
-        )
+        if rig == "walk":
+            result = sweep_walks(
+                **conditions,
+                machine=machine,
+                walkers=walkers,
+                uneven=uneven or [0.0],
+                pushes=pushes or [(0.0, 0.0)],
+                seconds=seconds,
+                seed=seed,
+                time_step=1e-3 * (step_ms if _is_given(context, "step_ms") else WALK_STEP_MS),
+                progress=progress,
+                **execution,
+            )
+        else:
+            result = sweep(
+                **conditions,
+                speeds=speeds or [None],
+                references=references or [ABLE_BODIED_REFERENCE],
+                stride_times=stride_times or [None],
+                accept=accept,
+                masses=masses or [None],
+                statures=statures or [None],
+                strides=strides,
+                time_step=1e-3 * step_ms,
+                progress=progress,
+                **execution,
+            )
     result.save(with_csv=with_csv)
     if result.n_resumed:
         stderr_console().print(f"{result.n_resumed} cases were already finished and were not simulated again.")

@@ -13,9 +13,8 @@ from itertools import islice
 from typing import Any
 
 from klute_sim.errors import InputError, KluteSimError, MissingExtraError
-from klute_sim.parameter_sweep.evaluate import CaseResult, evaluate_case
+from klute_sim.parameter_sweep.evaluate import Case, CaseResult, evaluate_case
 from klute_sim.parameter_sweep.fingerprint import describe_difference, fingerprint_software
-from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.parameter_sweep.runner import MAX_ATTEMPTS, ResultCallback
 
 RAY_ADDRESS_KEYWORDS = ("auto", "local")
@@ -99,10 +98,10 @@ def _check_nodes(ray: Any) -> None:
             )
 
 
-def run_on_cluster(cases: Iterable[GaitCase], on_result: ResultCallback, ray: Any) -> None:
+def run_on_cluster(cases: Iterable[Case], on_result: ResultCallback, ray: Any) -> None:
     """Evaluate ``cases`` on the cluster that ``ray`` is connected to, and report each result to ``on_result``."""
     task = ray.remote(num_cpus=1, max_retries=MAX_ATTEMPTS - 1)(evaluate_case)
-    remaining, pending = iter(cases), dict[Any, GaitCase]()
+    remaining, pending = iter(cases), dict[Any, Case]()
     while True:
         pending |= {task.remote(case): case for case in islice(remaining, MAX_PENDING_TASKS - len(pending))}
         if not pending:

@@ -45,13 +45,13 @@ def format_table(rows: Sequence[SweepRow]) -> Table:
     varied = {column: title for column, title in INPUT_TITLES.items() if len({row[column] for row in rows}) > 1}
     table = Table(title=Text(f"{len(rows)} cases"), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for column, title in varied.items():
-        longest = max(len(_format_cell(row[column], ".4g", REFERENCE_SPEED)) for row in rows)
+        longest = max(len(format_cell(row[column], ".4g", REFERENCE_SPEED)) for row in rows)
         table.add_column(title, overflow="fold", min_width=min(longest, MIN_NAME_WIDTH_CHARS))
     for title, _ in METRIC_FORMATS.values():
         table.add_column(title, justify="right", no_wrap=True)
     table.add_column("", min_width=len(UNTRACKED_REMARK))
     for row in rows[:MAX_ROWS_SHOWN]:
-        inputs = [_format_cell(row[column], ".4g", REFERENCE_SPEED) for column in varied]
+        inputs = [format_cell(row[column], ".4g", REFERENCE_SPEED) for column in varied]
         values = [
             "-" if row[column] is None else format(row[column], format_spec)
             for column, (_, format_spec) in METRIC_FORMATS.items()
@@ -66,7 +66,8 @@ def _format_remark(row: SweepRow) -> str:
     return row[FAILURE_COLUMN] or ", ".join(text for column, text in problems.items() if row[column])
 
 
-def _format_cell(value: Any, format_spec: str, placeholder: str = "-") -> str:
+def format_cell(value: Any, format_spec: str, placeholder: str = "-") -> str:
+    """Return ``value`` as text, and the ``placeholder`` for None."""
     if value is None:
         return placeholder
     return value if isinstance(value, str) else format(value, format_spec)

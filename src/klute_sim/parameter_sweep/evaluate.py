@@ -9,11 +9,18 @@ from klute_sim.errors import KluteSimError
 from klute_sim.gait.metrics import GaitMetrics, StrideMetrics, compute_gait_metrics
 from klute_sim.gait.reference import DEVIATION_COLUMNS, MAX_GRF_TRACKING_RMS_BW
 from klute_sim.gait.rig import rig
-from klute_sim.parameter_sweep.fingerprint import describe_difference, fingerprint_software
+from klute_sim.parameter_sweep.fingerprint import (
+    describe_difference,
+    fingerprint_software,
+    fingerprint_walk_software,
+)
 from klute_sim.parameter_sweep.plan import GaitCase
+from klute_sim.parameter_sweep.walk_metrics import compute_walk_metrics
+from klute_sim.parameter_sweep.walk_plan import WalkCase
 from klute_sim.recording.recording import Recording
 
 MetricValue = float | bool | None
+Case = GaitCase | WalkCase
 UNEXPECTED_ERROR_PREFIX = "unexpected"
 """First word of a failure that is a bug of this package."""
 
@@ -64,23 +71,27 @@ class CaseResult:
     """Metrics of a case, or one sentence on why there are none."""
 
     metrics: Mapping[str, MetricValue]
-    """Value by column, for all of :data:`METRIC_COLUMNS`; empty after a failure."""
+    """Value by column, for all metrics of the rig; empty after a failure."""
     failure: str | None = None
     """Reason of the failure; None: the simulation succeeded."""
 
 
-def evaluate_case(case: GaitCase) -> CaseResult:
+def evaluate_case(case: Case) -> CaseResult:
     """Simulate ``case`` and return its metrics; an error in the simulation is a result and does not end the sweep.
 
     Raises KluteSimError when this process runs other software than the process that planned the case, and MemoryError,
     which depends on the machine and not on the case.
     """
-    if difference := describe_difference(fingerprint_software(), case.software):
+    is_walk = isinstance(case, WalkCase)
+    software = fingerprint_walk_software() if is_walk else fingerprint_software()
+    if difference := describe_difference(software, case.software):
         raise KluteSimError(
             f"a worker process on '{platform.node()}' runs other software than the process that planned the sweep "
             f"({difference}): install the same klute-sim on every machine and start in a new folder"
         )
     try:
+        if isinstance(case, WalkCase):
+            return CaseResult(compute_walk_metrics(case))
         recording = rig.simulate_gait(case.device, case.controller, case.build_options())
         return CaseResult(_extract_metrics(recording, case))
     except KluteSimError as error:

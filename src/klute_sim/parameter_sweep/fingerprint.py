@@ -18,6 +18,13 @@ def fingerprint_software() -> dict[str, str]:
     return {**versions, "code": compute_code_digest("parameter_sweep/evaluate.py")}
 
 
+@cache
+def fingerprint_walk_software() -> dict[str, str]:
+    """Return the fingerprint for predicted walks, which also depend on the walker."""
+    paths = ("walker", "parameter_sweep/walk_plan.py", "parameter_sweep/walk_metrics.py")
+    return {**fingerprint_software(), "code": compute_code_digest(*paths)}
+
+
 def describe_difference(found: Mapping[str, str], expected: Mapping[str, str]) -> str:
     """Return what differs between two fingerprints, for the user; an empty string: nothing."""
     different = [name for name in (*expected, *found) if found.get(name) != expected.get(name)]

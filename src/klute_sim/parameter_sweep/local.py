@@ -17,8 +17,7 @@ from multiprocessing.connection import Connection
 from threadpoolctl import threadpool_limits
 
 from klute_sim.errors import KluteSimWarning
-from klute_sim.parameter_sweep.evaluate import CaseResult, evaluate_case
-from klute_sim.parameter_sweep.plan import GaitCase
+from klute_sim.parameter_sweep.evaluate import Case, CaseResult, evaluate_case
 from klute_sim.parameter_sweep.runner import MAX_ATTEMPTS, ResultCallback
 from klute_sim.plant import callbacks
 
@@ -42,7 +41,7 @@ class LocalRunner:
         for worker in self._workers:
             worker.close()
 
-    def run(self, cases: Iterable[GaitCase], on_result: ResultCallback) -> None:
+    def run(self, cases: Iterable[Case], on_result: ResultCallback) -> None:
         """Evaluate ``cases`` and report each result to ``on_result``.
 
         A process that is killed costs only its own case, which is attempted :data:`MAX_ATTEMPTS` times in all.
@@ -50,7 +49,7 @@ class LocalRunner:
         queue = deque(cases)
         while len(self._workers) < min(self._n_jobs, len(queue)):
             self._workers.append(_Worker())
-        idle, running = list(self._workers), dict[Future[CaseResult], tuple[_Worker, GaitCase]]()
+        idle, running = list(self._workers), dict[Future[CaseResult], tuple[_Worker, Case]]()
         n_killed: Counter[str] = Counter()
         while queue or running:
             while queue and idle:
@@ -93,7 +92,7 @@ def _block_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def _hide_main_script(case: GaitCase) -> Iterator[None]:
+def _hide_main_script(case: Case) -> Iterator[None]:
     """Start a process in this context without running the user's script in it, unless ``case`` refers to the script.
 
     A spawned process imports the main script again. A script without ``if __name__ == "__main__"`` would then start
@@ -120,7 +119,7 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self._pool = ProcessPoolExecutor(1, context, initializer=_initialize_worker, initargs=(child_pipe,))
 
-    def submit(self, case: GaitCase) -> Future[CaseResult]:
+    def submit(self, case: Case) -> Future[CaseResult]:
         with _hide_main_script(case):
             try:
                 return self._pool.submit(evaluate_case, case)

@@ -103,7 +103,7 @@ class SweepPlan:
     def iter_cases(self) -> Iterator[GaitCase]:
         """Yield the cases in the order of the table: passive feet after the devices."""
         for (device, controller, stiffness), reference, stride_time, speed, slope, mass, stature in itertools.product(
-            self._iter_device_controller_pairs(),
+            iter_conditions(self.devices, self.controllers, self.spring_feet),
             self.references.items(),
             self.stride_times,
             self.speeds,
@@ -125,23 +125,10 @@ class SweepPlan:
                 foot_stiffness=stiffness,
             )
 
-    def _iter_device_controller_pairs(
-        self,
-    ) -> Iterator[tuple[tuple[str, Device], tuple[str, Controller], float | None]]:
-        """Yield (name, device), (name, controller) and the stiffness of a passive foot [N.m/deg] or None."""
-        for device, controller in itertools.product(self.devices.items(), self.controllers.items()):
-            yield device, controller, None
-        for stiffness, replaced_device in self.spring_feet.items():
-            yield (f"spring foot {stiffness:g}", replaced_device), ("off", create_off_controller()), stiffness
-
     def describe(self) -> dict[str, Any]:
         """Return the plan in JSON types with the device files verbatim; equal plans have equal descriptions."""
-        devices = {
-            name: {"name": device.name, "sha256": device.digest, "file": device.content.decode("utf-8-sig")}
-            for name, device in self.devices.items()
-        }
         return {
-            "devices": devices,
+            "devices": describe_devices(self.devices),
             "controllers": {name: controller.describe() for name, controller in self.controllers.items()},
             "references": {name: reference.describe() for name, reference in self.references.items()},
             "stride_times_s": list(self.stride_times),
@@ -154,3 +141,21 @@ class SweepPlan:
             "time_step_s": self.dt,
             "software": fingerprint_software(),
         }
+
+
+def iter_conditions(
+    devices: Mapping[str, Device], controllers: Mapping[str, Controller], spring_feet: Mapping[float, Device]
+) -> Iterator[tuple[tuple[str, Device], tuple[str, Controller], float | None]]:
+    """Yield (name, device), (name, controller) and the stiffness of a passive foot [N.m/deg] or None."""
+    for device, controller in itertools.product(devices.items(), controllers.items()):
+        yield device, controller, None
+    for stiffness, replaced_device in spring_feet.items():
+        yield (f"spring foot {stiffness:g}", replaced_device), ("off", create_off_controller()), stiffness
+
+
+def describe_devices(devices: Mapping[str, Device]) -> dict[str, Any]:
+    """Return name, digest and content of the files of ``devices`` (JSON types)."""
+    return {
+        name: {"name": device.name, "sha256": device.digest, "file": device.content.decode("utf-8-sig")}
+        for name, device in devices.items()
+    }

@@ -10,6 +10,7 @@ from klute_sim.errors import InputError, KluteSimError
 from klute_sim.files.json import read_json
 from klute_sim.files.limits import RESULT
 from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, CaseResult
+from klute_sim.parameter_sweep.walk_metrics import WALK_METRIC_COLUMNS
 from klute_sim.recording.atomic_file import is_temporary, remove_temporary_files, write_atomically
 from klute_sim.recording.folder_lock import LOCK_FILE_NAME, FolderLock
 from klute_sim.recording.run_folder import DEFAULT_RUNS_FOLDER, FULL_DISK_ERRNOS, create_persistent_folder
@@ -32,7 +33,7 @@ class ResultStore:
             result = CaseResult(dict(content["metrics"]), content["failure"])
         except (InputError, ValueError, KeyError, TypeError):
             return None
-        return result if result.failure or tuple(result.metrics) == METRIC_COLUMNS else None
+        return result if result.failure or tuple(result.metrics) in (METRIC_COLUMNS, WALK_METRIC_COLUMNS) else None
 
     def put(self, key: str, result: CaseResult) -> None:
         """Write the result of the case with this ``key``; raises KluteSimError when it cannot be written."""

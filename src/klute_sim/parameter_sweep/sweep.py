@@ -3,27 +3,31 @@
 from collections.abc import Callable, Sequence
 
 from klute_sim.parameter_sweep import table
-from klute_sim.parameter_sweep.evaluate import CaseResult
-from klute_sim.parameter_sweep.plan import GaitCase, SweepPlan
+from klute_sim.parameter_sweep.evaluate import Case, CaseResult
+from klute_sim.parameter_sweep.plan import SweepPlan
 from klute_sim.parameter_sweep.runner import Runner
 from klute_sim.parameter_sweep.store import ResultStore
+from klute_sim.parameter_sweep.walk_plan import WalkSweepPlan
 
 
 def run_sweep(
-    plan: SweepPlan, store: ResultStore, runner: Runner, progress: Callable[[float], None] = lambda fraction: None
+    plan: SweepPlan | WalkSweepPlan,
+    store: ResultStore,
+    runner: Runner,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[list[table.SweepRow], int]:
     """Simulate the cases of ``plan`` that ``store`` lacks.
 
     Returns the rows in the order of the plan, and the number of cases whose results were in the store already.
     ``progress`` receives the completed fraction.
     """
-    cases = list(plan.iter_cases())
+    cases: list[Case] = list(plan.iter_cases())
     results, n_resumed = run_cases(cases, store, runner, progress)
     return [table.build_row(case, result) for case, result in zip(cases, results, strict=True)], n_resumed
 
 
 def run_cases(
-    cases: Sequence[GaitCase],
+    cases: Sequence[Case],
     store: ResultStore,
     runner: Runner,
     progress: Callable[[float], None] = lambda fraction: None,
@@ -39,7 +43,7 @@ def run_cases(
     n_resumed = len(results)
     n_lost = 0
 
-    def on_result(case: GaitCase, result: CaseResult | None) -> None:
+    def on_result(case: Case, result: CaseResult | None) -> None:
         nonlocal n_lost
         if result is None:
             n_lost += 1  # not stored: the machine may be the cause, and the same command tries again

@@ -2,15 +2,18 @@
 
 import csv
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, STATUS_COLUMNS, CaseResult
+from klute_sim.controllers.state_machine import StateMachine
+from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, STATUS_COLUMNS, Case, CaseResult
 from klute_sim.parameter_sweep.plan import GaitCase, SweepPlan
+from klute_sim.parameter_sweep.walk_metrics import WALK_METRIC_COLUMNS, WALK_STATUS_COLUMNS
+from klute_sim.parameter_sweep.walk_plan import WalkCase, WalkSweepPlan
 from klute_sim.recording.recording import split_heading
 
 SweepRow = dict[str, Any]
@@ -30,17 +33,58 @@ INPUT_TYPES = {
     "strides [1]": pa.int64(),
     "time_step [s]": pa.float64(),
 }
-METRIC_TYPES = {column: pa.bool_() if column in STATUS_COLUMNS else pa.float64() for column in METRIC_COLUMNS}
+WALK_INPUT_TYPES = {
+    "device": pa.string(),
+    "device_sha256": pa.string(),
+    "controller": pa.string(),
+    "push_off_pressure [bar]": pa.float64(),
+    "push_off_lean [deg]": pa.float64(),
+    "foot_stiffness [N*m/deg]": pa.float64(),
+    "walker": pa.string(),
+    "walker_sha256": pa.string(),
+    "slope [deg]": pa.float64(),
+    "unevenness [mm]": pa.float64(),
+    "push [N*s]": pa.float64(),
+    "push_phase [%]": pa.float64(),
+    "seed [1]": pa.int64(),
+    "duration_requested [s]": pa.float64(),
+    "time_step [s]": pa.float64(),
+}
 FAILURE_COLUMN = "failure"
-COLUMN_TYPES = {**INPUT_TYPES, **METRIC_TYPES, FAILURE_COLUMN: pa.string()}
-"""Arrow type by column; a numeric column is named ``name [unit]``, text and Boolean columns have no unit."""
+
+
+def _list_types(inputs: Mapping[str, Any], metrics: Sequence[str], status: Sequence[str]) -> dict[str, Any]:
+    metric_types = {column: pa.bool_() if column in status else pa.float64() for column in metrics}
+    return {**inputs, **metric_types, FAILURE_COLUMN: pa.string()}
+
+
+COLUMN_TYPES = _list_types(INPUT_TYPES, METRIC_COLUMNS, STATUS_COLUMNS)
+"""Arrow type by column of a sweep of gait runs.
+
+A numeric column is named ``name [unit]``, text and Boolean columns have no unit.
+"""
+WALK_COLUMN_TYPES = _list_types(WALK_INPUT_TYPES, WALK_METRIC_COLUMNS, WALK_STATUS_COLUMNS)
+"""Arrow type by column of a sweep of walks."""
 
 KILLED_MESSAGE = "its process was killed in every attempt; the same command tries again"
 
 
-def build_row(case: GaitCase, result: CaseResult | None) -> SweepRow:
+def get_column_types(plan: SweepPlan | WalkSweepPlan) -> dict[str, Any]:
+    """Return the Arrow type by column of the sweep of ``plan``."""
+    return WALK_COLUMN_TYPES if isinstance(plan, WalkSweepPlan) else COLUMN_TYPES
+
+
+def build_row(case: Case, result: CaseResult | None) -> SweepRow:
     """Return the row of ``case``; ``result`` is None when its process was killed in every attempt."""
-    inputs = {
+    is_walk = isinstance(case, WalkCase)
+    inputs = _collect_walk_inputs(case) if isinstance(case, WalkCase) else _collect_inputs(case)
+    result = result or CaseResult({}, KILLED_MESSAGE)
+    columns = WALK_METRIC_COLUMNS if is_walk else METRIC_COLUMNS
+    return {**inputs, **{column: result.metrics.get(column) for column in columns}, FAILURE_COLUMN: result.failure}
+
+
+def _collect_inputs(case: GaitCase) -> dict[str, Any]:
+    return {
         "device": case.device_name,
         "device_sha256": case.device.digest,
         "controller": case.controller_name,
@@ -54,17 +98,35 @@ def build_row(case: GaitCase, result: CaseResult | None) -> SweepRow:
         "strides [1]": case.strides,
         "time_step [s]": case.dt,
     }
-    result = result or CaseResult({}, KILLED_MESSAGE)
+
+
+def _collect_walk_inputs(case: WalkCase) -> dict[str, Any]:
+    machine = case.active_controller if isinstance(case.active_controller, StateMachine) else None
+    impulse, phase = case.push
     return {
-        **inputs,
-        **{column: result.metrics.get(column) for column in METRIC_COLUMNS},
-        FAILURE_COLUMN: result.failure,
+        "device": case.device_name,
+        "device_sha256": case.device.digest,
+        "controller": case.controller_name,
+        "push_off_pressure [bar]": None if machine is None else machine.push_off_bar,
+        "push_off_lean [deg]": None if machine is None else machine.lean_deg,
+        "foot_stiffness [N*m/deg]": case.foot_stiffness,
+        "walker": case.walker.name,
+        "walker_sha256": case.walker.digest,
+        "slope [deg]": case.slope_deg,
+        "unevenness [mm]": case.unevenness_mm,
+        "push [N*s]": impulse,
+        "push_phase [%]": phase if impulse else None,
+        "seed [1]": case.seed,
+        "duration_requested [s]": case.seconds,
+        "time_step [s]": case.dt,
     }
 
 
-def write_parquet(rows: Sequence[SweepRow], plan: SweepPlan, path: Path) -> None:
+def write_parquet(rows: Sequence[SweepRow], plan: SweepPlan | WalkSweepPlan, path: Path) -> None:
     """Write ``rows`` as Parquet: units in the metadata of the fields, the plan in the metadata of the schema."""
-    fields = [pa.field(column, kind, metadata=_unit_metadata(column)) for column, kind in COLUMN_TYPES.items()]
+    fields = [
+        pa.field(column, kind, metadata=_unit_metadata(column)) for column, kind in get_column_types(plan).items()
+    ]
     schema = pa.schema(fields, metadata={b"klute_sim": json.dumps(plan.describe(), sort_keys=True).encode()})
     pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), path, compression="zstd")
 
@@ -76,6 +138,6 @@ def _unit_metadata(column: str) -> dict[str, str]:
 def write_csv(rows: Sequence[SweepRow], path: Path) -> None:
     """Write ``rows`` as CSV with enough digits to read back the same numbers; missing values are empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(COLUMN_TYPES), lineterminator="\n")
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)

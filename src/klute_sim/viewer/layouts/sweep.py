@@ -15,9 +15,23 @@ from klute_sim.viewer import chart, stream
 from klute_sim.viewer.stream import PALETTE
 
 TIMELINE, TABLE_ENTITY = "combination", "table"
-NUMERIC_INPUTS = {"speed_requested [m/s]": "speed [m/s]", "slope [deg]": "slope [deg]", "mass [kg]": "mass [kg]"}
-"""Requested input -> column of its actual value; without a requested speed it is the subject's own."""
-TEXT_INPUTS = ("device", "controller", "reference")
+NUMERIC_INPUTS = {
+    "speed_requested [m/s]": "speed [m/s]",
+    "slope [deg]": "slope [deg]",
+    "mass [kg]": "mass [kg]",
+    "push_off_pressure [bar]": "push_off_pressure [bar]",
+    "push_off_lean [deg]": "push_off_lean [deg]",
+    "foot_stiffness [N*m/deg]": "foot_stiffness [N*m/deg]",
+    "unevenness [mm]": "unevenness [mm]",
+    "push [N*s]": "push [N*s]",
+}
+"""Requested input -> column of its actual value; without a requested speed it is the subject's own.
+
+A sweep of gait runs and one of predicted walks have some of these each.
+"""
+MACHINE_INPUTS = ("push_off_pressure [bar]", "push_off_lean [deg]")
+"""Numbers of a state machine, which are inputs of predicted walks."""
+TEXT_INPUTS = ("device", "controller", "reference", "walker")
 CHARTED_METRICS = {
     "ankle_power_peak [W/kg]": "peak net power [W/kg]",
     "ankle_work_net [J/kg]": "net work [J/kg]",
@@ -25,6 +39,11 @@ CHARTED_METRICS = {
     "moment_distance [sd]": "moment to human [sd]",
     "air_per_stride [g]": "air per stride [g]",
     "toe_clearance [mm]": "toe clearance [mm]",
+    "cost_minetti [J/kg/m]": "cost, Minetti and Alexander [J/kg/m]",
+    "cost_bhargava [J/kg/m]": "cost, Bhargava et al. [J/kg/m]",
+    "step_asymmetry [1]": "step asymmetry",
+    "load_peak_left [1]": "peak load of the left leg [body weights]",
+    "duration [s]": "time walked [s]",
 }
 """Column -> label of the charted metrics; the table has all metrics."""
 MAX_LEGEND_NAMES = 9
@@ -51,7 +70,8 @@ def rebuild_recording(folder: Path, path: Path) -> None:
 
 def find_varied_inputs(rows: Sequence[SweepRow]) -> list[str]:
     """Return the columns of the inputs that differ between ``rows``."""
-    return [name for name in (*TEXT_INPUTS, *NUMERIC_INPUTS) if len({row[name] for row in rows}) > 1]
+    inputs = [name for name in (*TEXT_INPUTS, *NUMERIC_INPUTS) if name in rows[0]]
+    return [name for name in inputs if len({row[name] for row in rows}) > 1]
 
 
 def build_charts(rows: Sequence[SweepRow]) -> dict[str, list[chart.Chart]]:
@@ -64,6 +84,8 @@ def build_charts(rows: Sequence[SweepRow]) -> dict[str, list[chart.Chart]]:
     charts = {}
     for name in numeric_inputs or [TIMELINE]:
         ignored = {name, "reference"} if numeric_inputs and _is_determined_by_reference(rows, name) else {name}
+        if name in MACHINE_INPUTS:
+            ignored |= {"controller"}  # its name is the numbers of the machine
         others = [other for other in find_varied_inputs(rows) if other not in ignored]
         groups: dict[tuple[Any, ...], list[int]] = {}
         for k, row in enumerate(rows):
@@ -74,14 +96,15 @@ def build_charts(rows: Sequence[SweepRow]) -> dict[str, list[chart.Chart]]:
                 rows, groups, name, f"chart/{label.split(' [')[0].replace(' ', '_')}/{k}", label, heading, y_label
             )
             for k, (heading, y_label) in enumerate(CHARTED_METRICS.items())
-            if any(row[heading] is not None for row in rows)
+            if any(row.get(heading) is not None for row in rows)
         ]
     return charts
 
 
 def _is_determined_by_reference(rows: Sequence[SweepRow], name: str) -> bool:
     """Return whether each reference has one value of the input ``name``, as of the body mass of its subject."""
-    return len({(row["reference"], row[name]) for row in rows}) == len({row["reference"] for row in rows})
+    references = {row.get("reference") for row in rows}
+    return None not in references and len({(row["reference"], row[name]) for row in rows}) == len(references)
 
 
 def _build_chart(
@@ -116,7 +139,9 @@ def _to_float(value: float | None) -> float:
 
 def format_page(rows: Sequence[SweepRow]) -> str:
     """Return the table of varied inputs and all metrics as Markdown."""
-    constant = {name: rows[0][name] for name in (*TEXT_INPUTS, *NUMERIC_INPUTS) if name not in find_varied_inputs(rows)}
+    varied = find_varied_inputs(rows)
+    names = [name for name in (*TEXT_INPUTS, *NUMERIC_INPUTS) if name in rows[0] and name not in varied]
+    constant = {name: rows[0][name] for name in names}
     inputs = ", ".join(f"{name} {'default' if value is None else value}" for name, value in constant.items())
     first_metric = list(rows[0]).index("time_step [s]") + 1
     headings = [

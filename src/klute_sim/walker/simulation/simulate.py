@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from klute_sim.controllers.parse import Controller
+from klute_sim.controllers.state_machine import load_default_state_machine
 from klute_sim.device.device import check_accepts_pressure
 from klute_sim.errors import InputError
 from klute_sim.plant import callbacks
@@ -17,7 +18,7 @@ from klute_sim.recording.recording import Recording
 from klute_sim.types import ProgressCallback
 from klute_sim.walker.person.body import load_body
 from klute_sim.walker.person.build import MAX_DT, Ground, Prosthesis, build_walker_model, get_contact
-from klute_sim.walker.reflexes.walker_file import Walker, describe_condition
+from klute_sim.walker.reflexes.walker_file import Walker, describe_condition, select_walkers
 from klute_sim.walker.simulation.commands import DeviceCommands
 from klute_sim.walker.simulation.recording import build_recording
 from klute_sim.walker.simulation.simulator import WalkSimulator
@@ -66,6 +67,15 @@ def describe_prosthesis(prosthesis: Prosthesis | None, controller: Controller | 
     return describe_condition(
         "device", digest, None if controller is None else controller.describe(), alignment_deg=alignment
     )
+
+
+def select_adapted_walkers(prosthesis: Prosthesis) -> list[Walker]:
+    """Return the shipped walkers that have adapted to ``prosthesis``, or to the nearest one.
+
+    With a device they have adapted to the default state machine, so that all controllers meet the same persons.
+    """
+    controller = load_default_state_machine() if prosthesis.spring_foot is None else None
+    return select_walkers(describe_prosthesis(prosthesis, controller))
 
 
 def simulate_walk(

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.controllers.state_machine import load_default_state_machine
 from klute_sim.envs.base.task import BatchStep
 from klute_sim.envs.tasks.instruments import N_MEASURED, NOISE_DEVIATION, NoisyMeasurements, build_observations
 from klute_sim.envs.tasks.reward import resolve_weights
@@ -20,8 +19,8 @@ from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
 from klute_sim.walker.person.body import load_body
 from klute_sim.walker.person.build import Ground, build_walker_model, get_contact
-from klute_sim.walker.reflexes.walker_file import Walker, load_walker, select_walkers
-from klute_sim.walker.simulation.simulate import describe_prosthesis
+from klute_sim.walker.reflexes.walker_file import load_walker
+from klute_sim.walker.simulation.simulate import select_adapted_walkers
 from klute_sim.walker.simulation.simulator import WalkSimulator
 
 Rngs = Sequence[np.random.Generator]
@@ -38,7 +37,8 @@ class WalkTask:
         self._options, self._backend, self._body = options, backend, load_body()
         self._models: dict[int, mujoco.MjModel] = {}
         model = self.get_model(0)
-        self.walkers = find_walkers(options)
+        chosen = options.walkers
+        self.walkers = select_adapted_walkers(options.prosthesis) if chosen is None else list(map(load_walker, chosen))
         """Walkers from which an episode samples one."""
         for walker in self.walkers:
             walker.check_legs(is_intact=False)
@@ -144,14 +144,3 @@ class WalkTask:
         for i in np.flatnonzero(mask).tolist():
             measured[i] = self.get_person(i).read_sensors()
         return measured
-
-
-def find_walkers(options: WalkTaskOptions) -> list[Walker]:
-    """Return the walkers of ``options``; by default those that have adapted to the prosthesis, or the nearest ones.
-
-    With a device they have adapted to the default state machine, so that other controllers meet the same persons.
-    """
-    if options.walkers is not None:
-        return [load_walker(name) for name in options.walkers]
-    controller = load_default_state_machine() if options.has_device else None
-    return select_walkers(describe_prosthesis(options.prosthesis, controller))
