@@ -92,11 +92,11 @@ def test_training_shows_learning_curve_and_result(tmp_path: Path) -> None:
     contents = read_recording(tmp_path / "done")
     assert get_values(contents, "curve/episode_return").tolist() == [51.0, 52.0, 53.0, 54.0, 55.0]
     assert contents.entities["curve/episode_return"].get_times("steps").tolist() == [100, 200, 300, 400, 500]
-    assert set(get_values(contents, "evaluated/profile")) == {59.5}
+    assert set(get_values(contents, "evaluated/baseline")) == {59.5}
     assert "| return | 61 | 59.5 |" in get_text(contents, "summary")
     write_training(tmp_path / "unfinished", finished=False)
     unfinished = read_recording(tmp_path / "unfinished")
-    assert "evaluated/profile" not in unfinished.entities
+    assert "evaluated/baseline" not in unfinished.entities
     assert get_text(unfinished, "summary").startswith("# Training, not finished\n\n500 steps in 0.5 minutes")
 
 
