@@ -26,6 +26,9 @@ from klute_sim.diagnosis.selection.robustness import (
 from klute_sim.diagnosis.selection.sparse_regression import fit_discrepancy_term
 from klute_sim.types import ProgressCallback
 
+DECISIVE_FREE_MARGIN = 3.0
+"""Margin of a free term over names, in thresholds of BIC, from which no search for other names is worth its time."""
+
 
 class FinalModel(NamedTuple):
     """The model that a diagnosis ends with."""
@@ -53,7 +56,11 @@ def select_complete_model(
 ) -> FinalModel:
     """Return the model where the noise between repeats decides."""
     data = search.data
-    progress(0.6, "restarting the fit from another point")
+    progress(0.6, "comparing the names with a free term")
+    free_model = find_free_model(search, base_fit, final_fit, options.exclude)
+    if free_model is not None and free_model.bic_difference < -DECISIVE_FREE_MARGIN * search.bic_threshold:
+        return _refuse_names(search, base_fit, final_fit, free_model, options)
+    progress(0.65, "restarting the fit from another point")
     final_fit, has_converged = check_convergence(data, final_fit, np.random.default_rng(options.seed))
     smaller_fit = find_smaller_model(search, final_fit)
     if smaller_fit is not None:
@@ -64,16 +71,11 @@ def select_complete_model(
         better_fit = equivalent_models[0].fit
         final_fit, has_converged = check_convergence(data, better_fit, np.random.default_rng(options.seed))
         equivalent_models = find_equivalent_models(search, final_fit)
-    progress(0.8, "comparing the names with a free term")
     free_model = find_free_model(search, base_fit, final_fit, options.exclude)
     if free_model is not None and free_model.bic_difference < -search.bic_threshold:
-        reasons = [_describe_better_free_term(final_fit, free_model)]
-        final_fit, has_converged = check_convergence(data, free_model.fit, np.random.default_rng(options.seed))
-        verdict: Verdict = "unexplained"
-        equivalent_models = []
-    else:
-        equivalent_models += [free_model] if free_model else []
-        verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
+        return _refuse_names(search, base_fit, final_fit, free_model, options)
+    equivalent_models += [free_model] if free_model else []
+    verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
     return FinalModel(
         verdict,
         reasons,
@@ -186,12 +188,27 @@ def _add_discrepancy_term(
     return final_fit, has_converged, [*sentences, *_describe_proxies(final_fit)]
 
 
-def _describe_better_free_term(named_fit: Fit, free_model: EquivalentModel) -> str:
-    names = " and ".join(str(term) for term in named_fit.hypothesis.terms if not term.effect_definition.data_driven)
-    return (
+def _refuse_names(
+    search: ForwardSelection, base_fit: Fit, named_fit: Fit, free_model: EquivalentModel, options: DiagnosisOptions
+) -> FinalModel:
+    """Return the model with the data-driven term of ``free_model`` in place of the names of ``named_fit``."""
+    names = " and ".join(str(term) for term in named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :])
+    reason = (
         f"{names} would explain the data to the noise, but a data-driven term in one equation explains them better "
         f"(BIC is lower by {-free_model.bic_difference:.0f}): the missing effect is not in the catalogue, and these "
         "names only imitate it."
+    )
+    final_fit, has_converged = check_convergence(search.data, free_model.fit, np.random.default_rng(options.seed))
+    return FinalModel(
+        "unexplained",
+        [reason],
+        search.data,
+        base_fit,
+        final_fit,
+        compute_confidence_intervals(search.data, final_fit),
+        [],
+        compute_equation_residuals(search.data, final_fit),
+        has_converged,
     )
 
 
