@@ -343,11 +343,7 @@ def plan_measurements(
 
     Raises InputError when an input is not valid or the device cannot be tested.
     """
-    lower, upper = measurement_plan.MIN_REPEATS, measurement_plan.MAX_REPEATS
-    if not lower <= n_repeats <= upper:
-        raise InputError(
-            f"the number of repeats is {n_repeats}; allowed: {lower} to {upper} (noise is measured from repeats)"
-        )
+    measurement_plan.check_repeats(n_repeats)
     protocols = measurement_plan.select_protocols(only)
     chosen_device = to_device(device)
     check_accepts_pressure(chosen_device, "the plan")

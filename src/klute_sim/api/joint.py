@@ -152,7 +152,7 @@ def simulate_joint(
     file = load_model_file(model)
     spec = file.make_spec()
     tendons = [tendon.name for tendon in spec.tendons if tendon.name]
-    devices = {name: to_device(entry) for name, entry in _assign_devices(device, tendons).items()}
+    devices = {name: to_device(entry) for name, entry in assign_devices(device, tendons).items()}
     known = collect_model_numbers(spec)
     for name in numbers or {}:
         if name not in known:
@@ -192,7 +192,7 @@ def export_mjcf(
     tendons = [tendon.name for tendon in file.make_spec().tendons if tendon.name]
     if not tendons:
         raise InputError(f"{file.path} has no tendon with a name, so nothing can carry a device")
-    devices = {name: to_device(entry) for name, entry in _assign_devices(device, tendons).items()}
+    devices = {name: to_device(entry) for name, entry in assign_devices(device, tendons).items()}
     text = format_mjcf(file, devices, {**mount_devices(file, devices), **(numbers or {})})
     with create_run_folder("export", folder) as (final_folder, scratch):
         (scratch / "model.xml").write_text(text, "utf-8")
@@ -201,7 +201,7 @@ def export_mjcf(
     return final_folder
 
 
-def _assign_devices(device: DeviceLike | Mapping[str, DeviceLike], tendons: list[str]) -> dict[str, DeviceLike]:
+def assign_devices(device: DeviceLike | Mapping[str, DeviceLike], tendons: list[str]) -> dict[str, DeviceLike]:
     """Return tendon -> device; raise InputError for a tendon that the model lacks or that gets no device."""
     if not isinstance(device, Mapping):
         return dict.fromkeys(tendons, device)

@@ -27,13 +27,57 @@ from klute_sim.cli.common import NonEmptyPath
     help="Protocol to plan (steps, ramps, sines, release, hold, slack, mixed); may be repeated.  [default: all]",
 )
 @click.option(
+    "--model",
+    metavar="NAME|FILE",
+    help="Plan tests of a joint or a free load instead: a model of the package, or an MJCF file with one joint. --only "
+    "names its tests then (steps, sines, multisine, co-contraction, quick-release).",
+)
+@click.option(
+    "--mean",
+    "mean_bar",
+    type=common.NumberWithUnit("bar"),
+    default=2.5,
+    show_default=True,
+    metavar="BAR",
+    help="With --model: mean pressure [bar].",
+)
+@click.option(
+    "--difference",
+    "difference_bar",
+    type=common.NumberWithUnit("bar"),
+    default=1.0,
+    show_default=True,
+    metavar="BAR",
+    help="With --model: amplitude of the pressure difference [bar].",
+)
+@click.option(
+    "--load",
+    type=common.NumberWithUnit("N m, or N on a slide"),
+    default=None,
+    metavar="VALUE",
+    help="With --model: load of co-contraction and quick-release [N m; N on a slide].  [default: none, without them]",
+)
+@click.option(
     "--simulate",
     is_flag=True,
     help="Also write simulated recordings with noise, to test the diagnosis. They are not measurements.",
 )
 @common.json_option()
-def command(device_name: str, out: Path, repeats: int, only: tuple[str, ...], simulate: bool, as_json: bool) -> None:
-    """Plan the measurements of a DEVICE (preset or device file) on a tensile tester.
+@click.pass_context
+def command(
+    context: click.Context,
+    device_name: str,
+    out: Path,
+    repeats: int,
+    only: tuple[str, ...],
+    model: str | None,
+    mean_bar: float,
+    difference_bar: float,
+    load: float | None,
+    simulate: bool,
+    as_json: bool,
+) -> None:
+    """Plan the measurements of a DEVICE (preset or device file) on a tensile tester, or with --model on a joint.
 
     Writes one CSV file per protocol with the commands for the tester (time [s], length [mm] of the whole unit,
     pressure_command [bar]; 200 Hz), the device file, dataset.toml with the names of the files to record, and README.txt
@@ -45,13 +89,32 @@ def command(device_name: str, out: Path, repeats: int, only: tuple[str, ...], si
       klute-sim plan klute-3-4-pair --out my-bench
       klute-sim plan my-device.toml --out short --only steps --only ramps --repeats 3
       klute-sim plan klute-3-4-pair --out trial-run --simulate
+      klute-sim plan klute-3-4-pair --model antagonist_joint --load -2 --out my-joint
     """
-    from klute_sim.api.diagnosis import plan_measurements
+    from klute_sim.api.diagnosis import MeasurementPlan, plan_measurements
+    from klute_sim.api.joint_plan import JointPlan, plan_joint_measurements
     from klute_sim.api.rendering import print_summary
     from klute_sim.cli.console import stdout_console
+    from klute_sim.errors import InputError
     from klute_sim.recording.run_folder import create_run_folder
 
-    plan = plan_measurements(device_name, only=only, n_repeats=repeats, simulate=simulate)
+    plan: MeasurementPlan | JointPlan
+    if model is None:
+        for name, option in {"mean_bar": "--mean", "difference_bar": "--difference", "load": "--load"}.items():
+            if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+                raise InputError(f"{option} belongs to a joint; name its model with --model, or remove {option}")
+        plan = plan_measurements(device_name, only=only, n_repeats=repeats, simulate=simulate)
+    else:
+        plan = plan_joint_measurements(
+            device_name,
+            model=model,
+            only=only,
+            n_repeats=repeats,
+            mean_pressure_bar=mean_bar,
+            difference_bar=difference_bar,
+            load=load,
+            simulate=simulate,
+        )
     with create_run_folder("plan", out) as (folder, scratch):
         files = plan.write_files(scratch)
     if as_json:

@@ -1,6 +1,6 @@
 """Run a test on a mechanism of the package, or on another one with a single free joint, trial by trial."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,11 +86,11 @@ def run_joint_test(
     """
     if not 0.0 < dt <= MAX_TIME_STEP:
         raise InputError(f"the time step is {1e3 * dt:g} ms; allowed: above 0, up to {1e3 * MAX_TIME_STEP:g} ms")
-    joint, unit = _find_joint(file)
+    joint, unit = find_joint(file)
     if len(devices) not in (1, 2):
         raise InputError(f"{len(devices)} devices; a test needs one, or two antagonists")
     trials = plan_test(test, settings)
-    _check_pressures(devices, trials)
+    check_pressures(devices, trials)
     results = []
     for index, trial in enumerate(trials):
         progress(index / len(trials), "testing")
@@ -104,8 +104,11 @@ def run_joint_test(
     return JointTestResult(file, dict(devices), dict(numbers), test, settings, joint, unit, dt, tuple(results))
 
 
-def _find_joint(file: ModelFile) -> tuple[str, str]:
-    """Return the name of the only joint of the model and the unit of its position."""
+def find_joint(file: ModelFile) -> tuple[str, str]:
+    """Return the name of the only joint of the model and the unit of its position.
+
+    Raises InputError when the model has not exactly one joint, a hinge or a slide.
+    """
     joints = list(file.make_spec().joints)
     kinds = {mujoco.mjtJoint.mjJNT_HINGE: "deg", mujoco.mjtJoint.mjJNT_SLIDE: "mm"}
     if len(joints) != 1 or joints[0].type not in kinds or not joints[0].name:
@@ -115,7 +118,8 @@ def _find_joint(file: ModelFile) -> tuple[str, str]:
     return str(joints[0].name), kinds[joints[0].type]
 
 
-def _check_pressures(devices: Mapping[str, Device], trials: list[JointTrial]) -> None:
+def check_pressures(devices: Mapping[str, Device], trials: Sequence[JointTrial]) -> None:
+    """Raise InputError when a device takes no pressures, or has less than ``trials`` need."""
     for device in devices.values():
         check_accepts_pressure(device, "the test")
         available = device.parameters.supply.max_pressure
@@ -138,16 +142,25 @@ def _simulate_trial(
     backend: str,
 ) -> Recording:
     time: Array = dt * np.arange(round(trial.duration / dt) + 1, dtype=np.float64)
-    difference = trial.difference(time)
-    names = [f"pressure_command_{normalize_name(name)}" for name in devices]
-    inputs = {name: trial.mean_pressure + sign * difference for name, sign in zip(names, (1.0, -1.0), strict=False)}
-    if trial.load is not None:
-        quantity = "external_moment" if unit == "deg" else "external_force"
-        inputs[f"{quantity}_{normalize_name(joint)}"] = trial.load(time)
+    inputs = make_inputs(trial, devices, joint, unit, time, has_load=trial.load is not None)
     mechanism = Mechanism(file, tuple(devices), tuple(inputs))
     parameters = {name: device.parameters for name, device in devices.items()}
     rollout = simulate_mechanism(mechanism, parameters, inputs, dt, numbers=numbers, backend=backend)
     return record_mechanism(rollout, devices, {"trial": trial.name, "numbers": dict(numbers)})
+
+
+def make_inputs(
+    trial: JointTrial, devices: Mapping[str, Device], joint: str, unit: str, time: Array, *, has_load: bool
+) -> dict[str, Array]:
+    """Return the prescribed channels [SI] of ``trial`` at ``time`` [s], with a load (of 0 without one) if asked for."""
+    difference = trial.difference(time)
+    names = [f"pressure_command_{normalize_name(name)}" for name in devices]
+    inputs = {name: trial.mean_pressure + sign * difference for name, sign in zip(names, (1.0, -1.0), strict=False)}
+    if has_load:
+        quantity = "external_moment" if unit == "deg" else "external_force"
+        load = np.zeros(len(time)) if trial.load is None else trial.load(time)
+        inputs[f"{quantity}_{normalize_name(joint)}"] = load
+    return inputs
 
 
 def _measure(

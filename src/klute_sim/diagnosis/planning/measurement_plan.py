@@ -59,7 +59,21 @@ def assign_uses(protocols: Sequence[IdentificationProtocol]) -> list[Use | None]
 
 def list_recording_files(protocol: IdentificationProtocol, n_repeats: int) -> list[str]:
     """Return the names of the files for the repeats of ``protocol``."""
-    return [f"{protocol.name}_{letter}.csv" for letter in string.ascii_lowercase[:n_repeats]]
+    return list_repeat_files(protocol.name, n_repeats)
+
+
+def list_repeat_files(name: str, n_repeats: int) -> list[str]:
+    """Return the names of the files for the repeats of the trial called ``name``."""
+    return [f"{name}_{letter}.csv" for letter in string.ascii_lowercase[:n_repeats]]
+
+
+def check_repeats(n_repeats: int) -> None:
+    """Raise InputError unless ``n_repeats`` is within its limits."""
+    if not MIN_REPEATS <= n_repeats <= MAX_REPEATS:
+        raise InputError(
+            f"the number of repeats is {n_repeats}; allowed: {MIN_REPEATS} to {MAX_REPEATS} (noise is measured from "
+            "repeats)"
+        )
 
 
 def round_program(program: Program) -> Program:
