@@ -258,7 +258,7 @@ def test_policy_of_a_walk_is_a_controller_of_walks(tmp_path: Path) -> None:
     text = text.replace("evaluation_episodes = 32", "evaluation_episodes = 2").replace(
         "duration = 10.0", "duration = 1.0"
     )
-    (tmp_path / "walk.toml").write_text(text.replace("n_steps = 256", "n_steps = 64"))
+    (tmp_path / "walk.toml").write_text(text.replace("n_steps = 512", "n_steps = 64"))
     arguments = ("--config", "walk.toml", "--steps", "200", "--out", "walker", "--json")
     completed = run("train", "--env", "walk", *arguments, cwd=tmp_path)
     assert completed.returncode == 0, completed.stderr
