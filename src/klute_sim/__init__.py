@@ -39,6 +39,7 @@ _MODULES = {
     "klute_sim.api.tuning": ("TuningResult", "tune"),
     "klute_sim.api.walk": ("WalkRun", "simulate_walk"),
     "klute_sim.api.walk_comparison": ("WalkComparison", "compare_walks"),
+    "klute_sim.api.walk_tuning": ("WalkTuningResult", "tune_walk"),
     "klute_sim.datasets.dataset": ("Dataset",),
     "klute_sim.device.device": ("Device", "list_presets", "load_device"),
     "klute_sim.device.schema.document": ("Damper", "Tendon"),

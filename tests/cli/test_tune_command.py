@@ -47,6 +47,24 @@ def test_few_evaluations_reduce_the_objective_and_the_search_can_be_resumed(tmp_
     assert "peak plantarflexion [deg]" in resumed.stdout
 
 
+def test_walks_are_tuned_and_options_of_the_other_rig_are_refused(tmp_path: Path) -> None:
+    arguments = ("--rig", "walk", "--only", "push_off_bar", "--walker", "machine-1", "--seconds", "5", "--speed", "1.3")
+    done = run("tune", *arguments, "--budget", "2", "--jobs", "1", "--out", "t", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    output = json.loads(done.stdout)
+    assert output["files"] == ["evaluations.csv", "tuned.toml", "tuning.json", "tuning.png"]
+    assert list(output["design_variables"]) == ["push_off_bar"]
+    for arguments, message in (
+        (("--rig", "walk", "--goal-human"), "--goal-human belongs to --rig gait; leave it out with --rig walk"),
+        (("--rig", "walk", "--weight", "air=1"), "there is no weight 'air'; allowed: effort, speed, symmetry"),
+        (("--walker", "machine-1"), "--walker belongs to --rig walk; leave it out with --rig gait"),
+    ):
+        refused = run("tune", *arguments, cwd=tmp_path)
+        assert refused.returncode == 2
+        assert message in refused.stderr
+        assert len(refused.stderr.splitlines()) == 1
+
+
 @pytest.mark.slow
 def test_search_for_an_imported_subject_uses_its_numbers_and_refuses_another_subject(tmp_path: Path) -> None:
     write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66, load_ratio=1.05)

@@ -363,5 +363,5 @@ def test_failing_initial_point_is_refused(tmp_path: Path) -> None:
             on_result(case, CaseResult({}, "the gait rig left its path"))
 
     problem = make_problem()
-    with pytest.raises(KluteSimError, match="initial device and profile fails: the gait rig left its path"):
+    with pytest.raises(KluteSimError, match="initial device and controller fails: the gait rig left its path"):
         optimize(problem, 10, open_tuning_store(tmp_path / "s", problem), fail)

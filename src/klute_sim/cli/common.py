@@ -1,10 +1,11 @@
 """Parameter types and options that several commands share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from klute_sim.errors import InputError
 
@@ -214,6 +215,46 @@ def json_option(replaced_output: str = "the table") -> Decorator:
 def strides_option(help_text: str) -> Decorator:
     """Return ``--strides``."""
     return click.option("--strides", type=int, default=5, show_default=True, metavar="N", help=f"{help_text}.")
+
+
+def check_rig_options(context: click.Context, rig: str, gait_names: Sequence[str], walk_names: Sequence[str]) -> None:
+    """Raise InputError when an option is given that only the other rig takes; names are those of the parameters."""
+    other, names = ("gait", gait_names) if rig == "walk" else ("walk", walk_names)
+    for parameter in context.command.params:
+        if parameter.name in names and is_given(context, parameter.name):
+            raise InputError(f"{parameter.opts[0]} belongs to --rig {other}; leave it out with --rig {rig}")
+
+
+def is_given(context: click.Context, name: str) -> bool:
+    """Return whether the user has given the option of the parameter ``name``."""
+    return context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+
+
+RIG_OPTION = click.option(
+    "--rig",
+    type=click.Choice(["gait", "walk"]),
+    default="gait",
+    show_default=True,
+    help="Gait rig, which prescribes the motion of the limb, or a predicted walk by muscles and reflexes.",
+)
+
+
+class PushType(click.ParamType[tuple[float, float]]):
+    """An impulse and a phase, such as ``10@40``."""
+
+    name = "push"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        """Return impulse [N*s] and phase [%]."""
+        if isinstance(value, tuple):
+            return value
+        impulse, _, phase = str(value).partition("@")
+        try:
+            return float(impulse), float(phase or 0.0)
+        except ValueError:
+            self.fail(
+                f"'{value}' is no push; write the impulse in N·s, @, and the phase in %, such as 10@40", param, ctx
+            )
 
 
 def jobs_option(

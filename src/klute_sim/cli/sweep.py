@@ -5,10 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from klute_sim.cli import common
-from klute_sim.cli.walk import PushType
 
 REFERENCE_SPEED = "reference"
 """Keyword for the speed that reference and leg length imply."""
@@ -59,28 +57,8 @@ WALK_STEP_MS = 1.0
 """Default time step of a predicted walk [ms]."""
 
 
-def _check_rig(context: click.Context, rig: str) -> None:
-    """Raise InputError when an option of the other rig is given."""
-    from klute_sim.errors import InputError
-
-    other, names = ("gait", GAIT_OPTIONS) if rig == "walk" else ("walk", WALK_OPTIONS)
-    for parameter in context.command.params:
-        if parameter.name in names and _is_given(context, parameter.name):
-            raise InputError(f"{parameter.opts[0]} belongs to --rig {other}; leave it out with --rig {rig}")
-
-
-def _is_given(context: click.Context, name: str) -> bool:
-    return context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-
-
 @click.command("sweep")
-@click.option(
-    "--rig",
-    type=click.Choice(["gait", "walk"]),
-    default="gait",
-    show_default=True,
-    help="Gait rig, which prescribes the motion of the limb, or a predicted walk by muscles and reflexes.",
-)
+@common.RIG_OPTION
 @click.option(
     "--device",
     "devices",
@@ -122,7 +100,7 @@ def _is_given(context: click.Context, name: str) -> bool:
 @click.option(
     "--push",
     "pushes",
-    type=PushType(),
+    type=common.PushType(),
     multiple=True,
     metavar="NS@PCT",
     help="With --rig walk: push on the hip, as in 'klute-sim walk', in walks of its own; 0@0 is none; may be "
@@ -285,7 +263,7 @@ def command(
 
     if ray_address is not None and jobs is not None:
         raise InputError("--jobs and --ray exclude each other: Ray uses all cores of the cluster")
-    _check_rig(context, rig)
+    common.check_rig_options(context, rig, GAIT_OPTIONS, WALK_OPTIONS)
     execution: dict[str, Any] = {"folder": out, "n_jobs": jobs or 0, "ray_address": ray_address}
     conditions["slopes"] = slopes or [0.0]
     with progress_bar("simulating") as progress:
@@ -298,7 +276,7 @@ def command(
                 pushes=pushes or [(0.0, 0.0)],
                 seconds=seconds,
                 seed=seed,
-                time_step=1e-3 * (step_ms if _is_given(context, "step_ms") else WALK_STEP_MS),
+                time_step=1e-3 * (step_ms if common.is_given(context, "step_ms") else WALK_STEP_MS),
                 progress=progress,
                 **execution,
             )

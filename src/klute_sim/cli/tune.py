@@ -8,8 +8,16 @@ import click
 
 from klute_sim.cli import common
 
+GAIT_OPTIONS = (*("profile_path", "goal_human", "reference", "stride_time", "accept", "mass", "stature", "slope"),)
+"""Options that only the gait rig takes."""
+WALK_OPTIONS = ("machine", "machine_keys", "walkers", "seconds", "uneven", "pushes")
+"""Options that only the predicted walk takes."""
+GAIT_BUDGET, WALK_BUDGET = 600, 150
+"""Default number of evaluations on the gait rig and in predicted walks."""
+
 
 @click.command("tune")
+@common.RIG_OPTION
 @common.DEVICE_OPTION
 @click.option(
     "--profile",
@@ -18,6 +26,52 @@ from klute_sim.cli import common
     default=None,
     metavar="FILE",
     help="Initial profile: CSV with columns gait_pct,pressure_bar.  [default: the hand-tuned profile]",
+)
+@click.option(
+    "--machine",
+    type=common.NonEmptyPath(),
+    default=None,
+    metavar="FILE",
+    help="With --rig walk: initial state machine (.toml).  [default: the state machine of the package]",
+)
+@click.option(
+    "--only",
+    "machine_keys",
+    multiple=True,
+    metavar="NUMBER",
+    help="With --rig walk: number of the state machine to tune, such as push_off_bar; may be repeated.  [default: all "
+    "pressures, and lean_deg]",
+)
+@click.option(
+    "--walker",
+    "walkers",
+    multiple=True,
+    metavar="NAME|FILE",
+    help="With --rig walk: walker, shipped or a file; may be repeated.  [default: all that have adapted to the device "
+    "with the default state machine]",
+)
+@click.option(
+    "--seconds",
+    type=common.NumberWithUnit("s"),
+    default=10.0,
+    metavar="S",
+    help="With --rig walk: duration of a walk [s]; the best points walk twice as long at the end.  [default: 10]",
+)
+@click.option(
+    "--uneven",
+    type=common.NumberWithUnit("mm"),
+    default=0.0,
+    metavar="MM",
+    help="With --rig walk: largest height of the blocks of 0.5 m on the ground [mm].  [default: 0]",
+)
+@click.option(
+    "--push",
+    "pushes",
+    type=common.PushType(),
+    multiple=True,
+    metavar="NS@PCT",
+    help="With --rig walk: push on the hip, as in 'klute-sim walk', in walks of its own; 0@0 is none; may be "
+    "repeated.  [default: no push]",
 )
 @click.option("--with-device", is_flag=True, help="Also tune orifices, springs, resting length and mounting.")
 @click.option(
@@ -39,17 +93,17 @@ from klute_sim.cli import common
     "weights",
     multiple=True,
     metavar="TERM=W",
-    help="Weight of the TERM moment, angle, power [1/sd²] or air [1/g]; may be repeated.  [default: moment=1, angle=1, "
-    "power=1, air=0.1]",
+    help="Weight of the TERM moment, angle, power [1/sd²] or air [1/g], or with --rig walk effort [kg·m/J], speed "
+    "[s/m] or symmetry [1]; may be repeated.  [default: moment=1, angle=1, power=1, air=0.1; effort=1, speed=10, "
+    "symmetry=10]",
 )
 @common.subject_options
 @click.option(
     "--budget",
     type=click.IntRange(1, 1_000_000),
-    default=600,
-    show_default=True,
+    default=None,
     metavar="N",
-    help="Number of evaluations, rounded up to whole generations of the search.",
+    help="Number of evaluations, rounded up to whole generations of the search.  [default: 600; 150 with --rig walk]",
 )
 @click.option(
     "--seed",
@@ -62,18 +116,30 @@ from klute_sim.cli import common
 @common.jobs_option()
 @common.resumable_out_option("tune", "the search")
 @common.json_option()
+@click.pass_context
 def command(
+    context: click.Context,
+    /,
+    rig: str,
     device_name: str,
     profile_path: Path | None,
-    with_device: bool,
-    device_keys: tuple[str, ...],
     goal_human: bool,
+    machine: Path | None,
+    machine_keys: tuple[str, ...],
+    walkers: tuple[str, ...],
+    seconds: float,
+    uneven: float,
+    pushes: tuple[tuple[float, float], ...],
     weights: tuple[str, ...],
-    budget: int,
-    seed: int,
+    budget: int | None,
     jobs: int,
     out: Path | None,
     as_json: bool,
+    with_device: bool,
+    device_keys: tuple[str, ...],
+    seed: int,
+    foot: str | None,
+    speed: float | None,
     **subject: Any,
 ) -> None:
     """Tune a pressure profile, and optionally the device, for human-like gait at low air consumption.
@@ -89,6 +155,10 @@ def command(
     the best of these is the result. Every evaluation is stored: the same command resumes an interrupted search, also
     with a larger --budget.
 
+    With --rig walk it tunes the state machine, and optionally the device, for persons who walk by muscles and reflexes:
+    metabolic cost, deviation from the speed (--speed, 1.25 m/s by default) and step asymmetry, and falls, which cost
+    more than any walk. The persons do not adapt to what is tuned. It writes tuned.toml in place of tuned.csv.
+
     Writes tuned.csv (for gait --controller), device.toml if the device is tuned, tuning.png (tracking error over air),
     a CSV file with one row per evaluation, tuning.json, and one file per evaluation. Needs the optional extra 'tune'.
 
@@ -99,26 +169,45 @@ def command(
       klute-sim tune --reference my-subject --out mine
       klute-sim tune --with-device --goal-human --budget 4000 --out human
       klute-sim gait --controller human/tuned.csv --device human/device.toml
+      klute-sim tune --rig walk --only push_off_bar --only lean_deg --out walking
+      klute-sim walk --controller walking/tuned.toml
     """
     from klute_sim.api.rendering import print_summary
-    from klute_sim.api.tuning import tune
+    from klute_sim.api.tuning import TuningResult, tune
+    from klute_sim.api.walk_tuning import WalkTuningResult, tune_walk
     from klute_sim.cli.console import progress_bar, stdout_console
 
+    common.check_rig_options(context, rig, GAIT_OPTIONS, WALK_OPTIONS)
+    search: dict[str, Any] = {"with_device": with_device, "device_keys": device_keys, "seed": seed, "foot": foot}
+    search |= {"weights": _parse_weights(weights), "folder": out, "n_jobs": jobs}
+    result: TuningResult | WalkTuningResult
     with progress_bar("tuning") as progress:
-        result = tune(
-            device_name,
-            profile=profile_path,
-            with_device=with_device,
-            device_keys=device_keys,
-            goal_human=goal_human,
-            weights=_parse_weights(weights),
-            budget=budget,
-            seed=seed,
-            folder=out,
-            n_jobs=jobs,
-            progress=progress,
-            **subject,
-        )
+        if rig == "walk":
+            walk: dict[str, Any] = {"machine_keys": machine_keys} if machine_keys else {}
+            walk |= {} if speed is None else {"speed": speed}
+            result = tune_walk(
+                device_name,
+                machine=machine,
+                walkers=walkers,
+                seconds=seconds,
+                uneven=uneven,
+                pushes=pushes or [(0.0, 0.0)],
+                budget=budget or WALK_BUDGET,
+                progress=progress,
+                **walk,
+                **search,
+            )
+        else:
+            result = tune(
+                device_name,
+                profile=profile_path,
+                goal_human=goal_human,
+                budget=budget or GAIT_BUDGET,
+                speed=speed,
+                progress=progress,
+                **search,
+                **subject,
+            )
         content = result.write_files(result.folder)
     if as_json:
         click.echo(json.dumps(content, indent=2, allow_nan=False))

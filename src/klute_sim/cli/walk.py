@@ -10,24 +10,6 @@ import click
 from klute_sim.cli import common
 
 
-class PushType(click.ParamType[tuple[float, float]]):
-    """An impulse and a phase, such as ``10@40``."""
-
-    name = "push"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
-        """Return impulse [N*s] and phase [%]."""
-        if isinstance(value, tuple):
-            return value
-        impulse, _, phase = str(value).partition("@")
-        try:
-            return float(impulse), float(phase or 0.0)
-        except ValueError:
-            self.fail(
-                f"'{value}' is no push; write the impulse in N·s, @, and the phase in %, such as 10@40", param, ctx
-            )
-
-
 def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of prosthesis and controller; the command receives them under the keywords of the public API."""
     options = (
@@ -89,7 +71,7 @@ def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
 )
 @click.option(
     "--push",
-    type=PushType(),
+    type=common.PushType(),
     default=None,
     metavar="NS@PCT",
     help="Push on the hip within 0.1 s: impulse [N·s], forward positive, and phase of the right leg's stride [%], in "

@@ -60,18 +60,7 @@ class DesignSpace:
                 f"pressure profile {self.profile.name} commands {max(self.profile.pressure_bar):g} bar; the supply of "
                 f"'{self.device.name}' has {supply:g} bar"
             )
-        values = self.device.spec.collect_values()
-        for key in self.device_keys:
-            if key not in values:
-                raise InputError(
-                    f"device '{self.device.name}' has no number '{key}'; klute-sim device {self.device.name} lists them"
-                )
-            if key == "muscle.count":
-                raise InputError(f"'{key}' is an integer; only continuous numbers can be tuned")
-            if not values[key] > 0.0:
-                raise InputError(
-                    f"'{key}' of device '{self.device.name}' is {values[key]:g}; only positive numbers can be tuned"
-                )
+        check_device_keys(self.device, self.device_keys)
 
     @property
     def variables(self) -> tuple[Parameter, ...]:
@@ -96,21 +85,7 @@ class DesignSpace:
                 upper=MAX_TIMING_SHIFT_PCT,
             )
         )
-        values = self.device.spec.collect_values()
-        default = (DEFAULT_RELATIVE_SCALE, 1.0 / DEFAULT_MAX_RATIO, DEFAULT_MAX_RATIO)
-        for key in self.device_keys:
-            scale, lower, upper = RELATIVE_SCALES_AND_BOUNDS.get(key, default)
-            nominal = values[key]
-            variables.append(
-                Parameter(
-                    name=key,
-                    initial=nominal,
-                    scale=scale,
-                    lower=lower * nominal,
-                    upper=upper * nominal,
-                    is_logarithmic=True,
-                )
-            )
+        variables += build_device_variables(self.device, self.device_keys)
         return tuple(variables)
 
     def decode(self, x: Sequence[float] | Array) -> tuple[Device, PressureProfile]:
@@ -128,8 +103,7 @@ class DesignSpace:
             for phase, pressure in zip(self.profile.gait_pct, pressures, strict=True)
         )
         profile = PressureProfile(f"tuned from {self.profile.name}", *map(tuple, zip(*knots, strict=True)))
-        changes = {key: float(f"{value:.6g}") for key, value in zip(self.device_keys, numbers, strict=True)}
-        return _rename_tuned_device(self.device.with_changes(changes, TUNED_SOURCE)), profile
+        return change_device(self.device, self.device_keys, numbers), profile
 
     def compute_violation(self, x: Sequence[float] | Array) -> float:
         """Return the sum of the squared distances of ``x`` from the bounds, in normalized units."""
@@ -139,11 +113,50 @@ class DesignSpace:
         )
 
 
-def _rename_tuned_device(device: Device) -> Device:
-    """Return ``device`` with ``-tuned`` after its name if any of its numbers is tuned."""
-    content = parse_toml(device.content, f"device {device.name}")
+def check_device_keys(device: Device, keys: Sequence[str]) -> None:
+    """Raise InputError unless all ``keys`` (``section.key``) of ``device`` can be tuned."""
+    values = device.spec.collect_values()
+    for key in keys:
+        if key not in values:
+            raise InputError(f"device '{device.name}' has no number '{key}'; klute-sim device {device.name} lists them")
+        if key == "muscle.count":
+            raise InputError(f"'{key}' is an integer; only continuous numbers can be tuned")
+        if not values[key] > 0.0:
+            raise InputError(
+                f"'{key}' of device '{device.name}' is {values[key]:g}; only positive numbers can be tuned"
+            )
+
+
+def build_device_variables(device: Device, keys: Sequence[str]) -> list[Parameter]:
+    """Return the design variables of the numbers ``keys`` of ``device``."""
+    values, default = device.spec.collect_values(), (DEFAULT_RELATIVE_SCALE, 1.0 / DEFAULT_MAX_RATIO, DEFAULT_MAX_RATIO)
+    variables = []
+    for key in keys:
+        scale, lower, upper = RELATIVE_SCALES_AND_BOUNDS.get(key, default)
+        nominal = values[key]
+        variables.append(
+            Parameter(
+                name=key,
+                initial=nominal,
+                scale=scale,
+                lower=lower * nominal,
+                upper=upper * nominal,
+                is_logarithmic=True,
+            )
+        )
+    return variables
+
+
+def change_device(device: Device, keys: Sequence[str], numbers: Sequence[float]) -> Device:
+    """Return ``device`` with ``numbers`` at ``keys``, and ``-tuned`` after its name if any of its numbers is tuned.
+
+    Raises InputError when the numbers do not make a valid device.
+    """
+    changes = {key: float(f"{value:.6g}") for key, value in zip(keys, numbers, strict=True)}
+    changed = device.with_changes(changes, TUNED_SOURCE)
+    content = parse_toml(changed.content, f"device {changed.name}")
     if TUNED_SOURCE not in content.get("sources", {}).values():
-        return device
+        return changed
     base_name = content["name"].removesuffix("-tuned")  # a device that is tuned again keeps its name
     content |= {"name": f"{base_name}-tuned", "description": f"{base_name} with numbers found by klute-sim tune."}
     return parse_device(format_toml(content).encode(), content["name"])

@@ -7,19 +7,20 @@ answers most of them.
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from klute_sim.errors import InputError, KluteSimError, MissingExtraError
 from klute_sim.gait.rig.setup import build_gait_rig
 from klute_sim.gait.subject import Subject
-from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNEXPECTED_ERROR_PREFIX, CaseResult
+from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNEXPECTED_ERROR_PREFIX, Case, CaseResult
 from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.parameter_sweep.runner import Runner
 from klute_sim.parameter_sweep.store import ResultStore
+from klute_sim.parameters import Parameter
 from klute_sim.tuning.design_variables import DesignSpace
 from klute_sim.tuning.objective import (
     FALL_COST,
@@ -42,6 +43,55 @@ REEVALUATED_FRACTION, MAX_REEVALUATIONS = 0.1, 200
 """Best fraction of the evaluations from which points are reevaluated, and maximum number of reevaluations."""
 
 
+class Evaluated(Protocol):
+    """An evaluated point of a search."""
+
+    @property
+    def x(self) -> Array:
+        """Normalized point, one coordinate per design variable."""
+
+    @property
+    def cost(self) -> float:
+        """Value of the objective, with the violation of the bounds."""
+
+    @property
+    def metrics(self) -> Any:
+        """Metrics of the simulations; None: one failed."""
+
+    @property
+    def failure(self) -> str | None:
+        """Reason of the failure; None: the simulations succeeded."""
+
+    @property
+    def generation(self) -> int:
+        """Generation of the search that proposed the point; 0: the initial point."""
+
+
+E = TypeVar("E", bound=Evaluated)
+E_co = TypeVar("E_co", bound=Evaluated, covariant=True)
+
+
+class SearchProblem(Protocol[E_co]):
+    """What a search optimizes; on the gait rig and in predicted walks."""
+
+    @property
+    def seed(self) -> int:
+        """Random seed of the search."""
+
+    @property
+    def variables(self) -> tuple[Parameter, ...]:
+        """Design variables."""
+
+    def build_cases(self, x: Array, *, is_fine: bool) -> Sequence[Case]:
+        """Return the simulations at the normalized point ``x``; ``is_fine`` asks for more exact ones.
+
+        Raises InputError when the numbers at ``x`` do not make a valid device or controller.
+        """
+
+    def make_evaluation(self, x: Array, results: Sequence[CaseResult] | None, generation: int) -> E_co:
+        """Return the evaluation of ``x`` from the ``results`` of its cases; None: there are no valid cases."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TuningProblem:
     """Design space, subject and objective of a tuning."""
@@ -61,6 +111,11 @@ class TuningProblem:
         """Raise InputError when the gait rig does not take the subject or the device."""
         case = self.build_case(np.zeros(len(self.space.variables)))
         build_gait_rig(case.device, case.build_options(), SEARCH_DT)
+
+    @property
+    def variables(self) -> tuple[Parameter, ...]:
+        """Design variables."""
+        return self.space.variables
 
     @cached_property
     def _evaluated_subject(self) -> Subject:
@@ -87,6 +142,22 @@ class TuningProblem:
             strides=strides,
             dt=dt,
         )
+
+    def build_cases(self, x: Array, *, is_fine: bool) -> Sequence[GaitCase]:
+        """Return the case at the normalized point ``x``; ``is_fine`` asks for the time step FINE_DT."""
+        return [self.build_case(x, dt=FINE_DT if is_fine else SEARCH_DT)]
+
+    def make_evaluation(self, x: Array, results: Sequence[CaseResult] | None, generation: int) -> "Evaluation":
+        """Return the evaluation of ``x`` from the result of its case; None: its numbers do not make a valid device."""
+        violation = self.space.compute_violation(x)
+        if results is None:
+            return Evaluation(x, FALL_COST + violation, None, "the numbers do not make a valid device", generation)
+        (result,) = results
+        if result.failure is not None:
+            return Evaluation(x, FALL_COST + violation, None, result.failure, generation)
+        metrics = select_metrics(result.metrics, self.human_moment_peak)
+        cost = compute_cost(metrics, self.weights, self.goals) + violation
+        return Evaluation(x, cost, metrics, generation=generation)
 
 
 @dataclass(frozen=True)
@@ -143,12 +214,12 @@ def select_metrics(metrics: Mapping[str, Any], human_moment_peak: float) -> Tuni
 
 
 def optimize(
-    problem: TuningProblem,
+    problem: SearchProblem[E],
     budget: int,
     store: ResultStore,
     runner: Runner,
     progress: Callable[[int], None] = lambda n_done: None,
-) -> list[Evaluation]:
+) -> list[E]:
     """Return all evaluations in order, the initial point first: ``budget`` of them, rounded up to a whole generation.
 
     A converged search restarts from the initial point with another seed, so that a larger budget is always used.
@@ -156,32 +227,32 @@ def optimize(
 
     Raises MissingExtraError without the package cma, KluteSimError when the initial point fails.
     """
-    n_variables = len(problem.space.variables)
+    n_variables = len(problem.variables)
     strategy = _make_strategy(n_variables, problem.seed)
-    evaluations = list(_evaluate_points(problem, [np.zeros(n_variables)], store, runner, progress, 0))
+    evaluations = list(_evaluate_points(problem, [np.zeros(n_variables)], store, runner, progress))
     if evaluations[0].metrics is None:
-        raise KluteSimError(f"the simulation of the initial device and profile fails: {evaluations[0].failure}")
+        raise KluteSimError(f"the simulation of the initial device and controller fails: {evaluations[0].failure}")
     n_restarts = 0
     while len(evaluations) < budget:
         if strategy.stop():
             n_restarts += 1
             strategy = _make_strategy(n_variables, problem.seed + 1_000_003 * n_restarts)
         points = [np.asarray(point, dtype=np.float64) for point in strategy.ask()]
-        offspring = list(_evaluate_points(problem, points, store, runner, progress, len(evaluations)))
+        n_done, generation = len(evaluations), evaluations[-1].generation + 1
+        offspring = list(_evaluate_points(problem, points, store, runner, progress, n_done, generation))
         strategy.tell(points, [evaluation.cost for evaluation in offspring])
-        generation = evaluations[-1].generation + 1
-        evaluations += [replace(evaluation, generation=generation) for evaluation in offspring]
+        evaluations += offspring
     return evaluations
 
 
 def reevaluate(
-    problem: TuningProblem,
-    evaluations: Sequence[Evaluation],
+    problem: SearchProblem[E],
+    evaluations: Sequence[E],
     store: ResultStore,
     runner: Runner,
     progress: Callable[[int], None] = lambda n_done: None,
-) -> list[Evaluation]:
-    """Evaluate the initial point and some of the best points, evenly spaced by rank, with the time step FINE_DT.
+) -> list[E]:
+    """Evaluate the initial point and some of the best points, evenly spaced by rank, by finer simulations.
 
     The initial point is the first evaluation returned.
     """
@@ -192,10 +263,10 @@ def reevaluate(
     count = math.ceil(REEVALUATED_FRACTION * len(evaluations))
     ranks = np.unique(np.linspace(0, count - 1, min(count, MAX_REEVALUATIONS)).astype(int))
     points = [evaluations[0].x, *(ranked[rank].x for rank in ranks if rank < len(ranked))]
-    return list(_evaluate_points(problem, points, store, runner, progress, len(evaluations), FINE_DT))
+    return list(_evaluate_points(problem, points, store, runner, progress, len(evaluations), is_fine=True))
 
 
-def select_best(evaluations: Sequence[Evaluation]) -> Evaluation:
+def select_best(evaluations: Sequence[E]) -> E:
     """Return the evaluation of least cost among those that did not fail; the initial point is one of them."""
     return min(
         (evaluation for evaluation in evaluations if evaluation.metrics is not None),
@@ -235,48 +306,41 @@ def _make_strategy(n_variables: int, seed: int) -> Any:
 
 
 def _evaluate_points(
-    problem: TuningProblem,
+    problem: SearchProblem[E],
     points: Sequence[Array],
     store: ResultStore,
     runner: Runner,
     progress: Callable[[int], None],
-    n_done: int,
-    dt: float = SEARCH_DT,
-) -> Iterator[Evaluation]:
+    n_done: int = 0,
+    generation: int = 0,
+    *,
+    is_fine: bool = False,
+) -> Iterator[E]:
     """Yield the evaluation of each of ``points``, simulated now or taken from ``store``."""
-    cases: list[GaitCase | None] = []
+    cases_of_point: list[Sequence[Case] | None] = []
     for x in points:
         try:
-            cases.append(problem.build_case(x, dt=dt))
+            cases_of_point.append(problem.build_cases(x, is_fine=is_fine))
         except InputError:  # such as a tendon that is too long for the shank; it costs as much as a failure
-            cases.append(None)
-    results = {case.key: result for case in cases if case is not None and (result := store.get(case.key)) is not None}
-    missing = {case.key: case for case in cases if case is not None and case.key not in results}
+            cases_of_point.append(None)
+    cases = [case for point_cases in cases_of_point for case in point_cases or ()]
+    results = {case.key: result for case in cases if (result := store.get(case.key)) is not None}
+    missing = {case.key: case for case in cases if case.key not in results}
 
-    def on_result(case: GaitCase, result: CaseResult | None) -> None:
+    def on_result(case: Case, result: CaseResult | None) -> None:
         if result is None:
             raise KluteSimError(
-                "the process of a gait simulation was killed in every attempt, probably for lack of memory: "
-                "use fewer --jobs"
+                "the process of a simulation was killed in every attempt, probably for lack of memory: use fewer --jobs"
             )
+        if result.failure is not None and result.failure.startswith(UNEXPECTED_ERROR_PREFIX):
+            raise KluteSimError(f"internal error in a simulation ({result.failure}): please report it")
         store.put(case.key, result)
         results[case.key] = result
-        progress(n_done + len(results))
+        progress(n_done + len(results) * len(points) // len(cases))
 
     if missing:
         runner(list(missing.values()), on_result)
     progress(n_done + len(points))
-    for x, case in zip(points, cases, strict=True):
-        yield _make_evaluation(problem, x, None if case is None else results[case.key])
-
-
-def _make_evaluation(problem: TuningProblem, x: Array, result: CaseResult | None) -> Evaluation:
-    violation = problem.space.compute_violation(x)
-    if result is None:
-        return Evaluation(x, FALL_COST + violation, None, "the numbers do not make a valid device")
-    if result.failure is not None:
-        if result.failure.startswith(UNEXPECTED_ERROR_PREFIX):
-            raise KluteSimError(f"internal error in a gait simulation ({result.failure}): please report it")
-        return Evaluation(x, FALL_COST + violation, None, result.failure)
-    metrics = select_metrics(result.metrics, problem.human_moment_peak)
-    return Evaluation(x, compute_cost(metrics, problem.weights, problem.goals) + violation, metrics)
+    for x, point_cases in zip(points, cases_of_point, strict=True):
+        found = None if point_cases is None else [results[case.key] for case in point_cases]
+        yield problem.make_evaluation(x, found, generation)
