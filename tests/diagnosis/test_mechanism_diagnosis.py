@@ -23,6 +23,8 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
 from klute_sim.diagnosis.fitting.number_error import list_model_error_candidates
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals
+from klute_sim.diagnosis.planning import joint_proposals
+from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.screening import list_candidate_terms
 from klute_sim.diagnosis.workflow import fit_base_device
@@ -356,3 +358,28 @@ def test_muscle_is_recovered_from_the_moment_of_a_driven_knee_under_measured_pre
     assert fit.values[0] == pytest.approx(130.0, rel=0.02)
     residual = fit.residuals[0]["moment_knee"]
     assert np.sqrt(np.mean(residual**2)) == pytest.approx(0.05, rel=0.2)
+
+
+def test_proposed_experiment_separates_rivals_on_a_joint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shifted angle sensor and a tilted stand."""
+    monkeypatch.setattr(joint_proposals, "PROPOSED_TRIALS", ("sine_4Hz",))
+    dataset = load_dataset(joint.write_dataset(tmp_path, **SHORT))
+    experiments = prepare_experiments(dataset, split_dataset(dataset))
+    simulator = Simulator(2)
+    nominal = Hypothesis(dataset.device, (), (("angle_joint", np.radians(0.05)),))
+    (residuals,) = WeightedData(simulator, experiments, {}).compute_residuals(nominal, [np.zeros(0)])
+    data = WeightedData(simulator, experiments, estimate_noise_from_residuals(experiments, residuals))
+    shifted = fit_hypothesis(data, nominal.with_term(EffectTerm("sensor_offset", "linear", "angle_joint")))
+    tilted = fit_hypothesis(data, nominal.with_term(EffectTerm("gravity_tilt", "about_y")))
+    moved = replace(shifted, x=np.array([10.0]))
+    leaning = replace(tilted, x=np.array([0.6]))
+    proposal = propose_joint_experiment(data, dataset, moved, leaning)
+    simulator.close()
+    assert proposal is not None
+    told = proposal.to_dict()
+    assert told["separation_chi2"] > 6.0
+    assert told["protocol"] == "sine_4Hz"
+    assert "bar, difference" in told["sentence"]
+    assert told["rig_change"] is None or "second sensor of the position" in told["rig_change"]
+    other = replace(dataset, mechanism=None)
+    assert propose_joint_experiment(data, other, moved, leaning) is None

@@ -31,6 +31,7 @@ from klute_sim.diagnosis.imperfect_law import (
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
+from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
 from klute_sim.diagnosis.planning.proposals import propose_experiment
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
@@ -155,10 +156,15 @@ def _run_workflow(
         has_repeats=search.has_repeats,
         bic_threshold=search.bic_threshold,
     )
-    if equivalent_models and dataset.rig == "bench":  # protocols need a tensile tester
+    if equivalent_models and dataset.rig != "gait":  # nobody can command how a person walks
         progress(0.85, "searching for an experiment that separates the equivalent models")
-        proposal = propose_experiment(data, dataset.device, final_fit, equivalent_models[0].fit)
-        diagnosis.next_experiment = proposal.to_dict()
+        rival = equivalent_models[0].fit
+        proposal = (
+            propose_experiment(data, dataset.device, final_fit, rival)
+            if dataset.rig == "bench"
+            else propose_joint_experiment(data, dataset, final_fit, rival)
+        )
+        diagnosis.next_experiment = None if proposal is None else proposal.to_dict()
     progress(0.95, "evaluating the test trials")
     evaluate_held_out(diagnosis, search.data)
     diagnosis.n_simulations = simulator.n_rollouts

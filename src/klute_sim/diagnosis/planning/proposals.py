@@ -5,7 +5,7 @@ the existing data, to the predictions of the second. The remaining difference, i
 separation. No command separates some pairs: a second instrument distinguishes a sensor error from a device effect.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,12 +20,15 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.least_squares import FINITE_DIFFERENCE_STEP, Fit, WeightedData
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD
 from klute_sim.errors import InputError
+from klute_sim.mechanism.protocols import JointTrial
 from klute_sim.types import Array
 
 TIME_STEP = 2.5e-4
 """Time step of the simulation [s]."""
 MUSCLE_LENGTH_NOISE = 2e-5
 """Noise of a muscle-length sensor that is not installed yet [m] (assumed)."""
+ADDED_NOISE = {"muscle_length": MUSCLE_LENGTH_NOISE}
+"""Noise of channels that a change of the rig adds [SI]."""
 N_REPEATS = 2.0
 """Number of repeats of the proposed experiment."""
 MIN_SEPARATION_RATIO = 2.0
@@ -62,12 +65,14 @@ RIG_CHANGES = (
 class ExperimentProposal(NamedTuple):
     """An experiment that separates two models."""
 
-    protocol: IdentificationProtocol
-    """Protocol to record."""
+    protocol: IdentificationProtocol | JointTrial
+    """Protocol of the bench, or trial of a joint, to record."""
     rig_change: RigChange
     """Change of the rig."""
     separation_chi2: float
     """Chi squared, in independent samples of two repeats, by which the refitted models differ."""
+    conditions: str = ""
+    """Conditions of the trial of a joint, to follow its name."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``verdict.json``."""
@@ -77,8 +82,9 @@ class ExperimentProposal(NamedTuple):
                 "of measurement does."
             )
         else:
+            name = f"'{self.protocol.name}' {self.conditions}".rstrip()
             sentence = (
-                f"Record protocol '{self.protocol.name}' twice, {self.rig_change.description}: the models then differ "
+                f"Record protocol {name} twice, {self.rig_change.description}: the models then differ "
                 f"by a chi squared of about {self.separation_chi2:.0f} ({BIC_THRESHOLD:.0f} are decisive)."
             )
         return {
@@ -103,6 +109,11 @@ def propose_experiment(data: WeightedData, device: Device, best_fit: Fit, altern
     ]
     if not proposals:
         raise InputError(f"no protocol can be run on device '{device.name}'")
+    return choose_proposal(proposals)
+
+
+def choose_proposal(proposals: Sequence[ExperimentProposal]) -> ExperimentProposal:
+    """Return the best of ``proposals``; a change of the rig only where it separates much better and is needed."""
     unchanged = max((p for p in proposals if p.rig_change.is_none), key=lambda p: p.separation_chi2)
     best = max(proposals, key=lambda p: p.separation_chi2)
     is_change_worthwhile = (
@@ -138,17 +149,17 @@ def _evaluate_protocol(
     points = [best_fit.x, *(best_fit.x + FINITE_DIFFERENCE_STEP * unit for unit in np.eye(len(best_fit.x)))]
     setups = [*(best_fit.hypothesis.build_setups(x, [experiment]) for x in points)]
     setups.append(alternative.hypothesis.build_setups(alternative.x, [experiment]))
-    observed = _simulate_channels(data.simulator, setups, experiment, with_sensor_errors=True)
-    true_values = _simulate_channels(data.simulator, setups, experiment, with_sensor_errors=False)
+    observed = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=True)
+    true_values = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=False)
     proposals = []
     for rig_change in RIG_CHANGES:
         if not set(rig_change.added_channels) & set(data.noise):
-            predictions = _weight_predictions(data, sampling_interval, rig_change, observed, true_values)
-            proposals.append(ExperimentProposal(protocol, rig_change, _compute_separation(best_fit, predictions)))
+            predictions = weight_predictions(data, sampling_interval, rig_change, observed, true_values, ADDED_NOISE)
+            proposals.append(ExperimentProposal(protocol, rig_change, compute_separation(best_fit, predictions)))
     return proposals
 
 
-def _simulate_channels(
+def simulate_channels(
     simulator: Simulator,
     setups: Sequence[Sequence[SimulationSetup]],
     experiment: Experiment,
@@ -161,14 +172,18 @@ def _simulate_channels(
     return [row[0] for row in simulator.simulate(setups, [experiment])]
 
 
-def _weight_predictions(
+def weight_predictions(
     data: WeightedData,
     sampling_interval: float,
     rig_change: RigChange,
     observed: list[dict[str, Array]],
     true_values: list[dict[str, Array]],
+    added_noise: Mapping[str, float],
 ) -> list[Array]:
-    """Return one vector of weighted predictions per setup: existing channels, and those that the change adds."""
+    """Return one vector of weighted predictions per setup: existing channels, and those that the change adds.
+
+    ``added_noise`` [SI] is that of the added channels.
+    """
     predictions = []
     for observed_row, true_row in zip(observed, true_values, strict=True):
         parts = []
@@ -179,12 +194,12 @@ def _weight_predictions(
                 parts.append(weight * true_row[channel])
         for channel in rig_change.added_channels:
             correlation_time = max(noise.correlation_time(sampling_interval) for noise in data.noise.values())
-            parts.append(true_row[channel] / (MUSCLE_LENGTH_NOISE * np.sqrt(correlation_time)))
+            parts.append(true_row[channel] / (added_noise[channel] * np.sqrt(correlation_time)))
         predictions.append(np.concatenate(parts))
     return predictions
 
 
-def _compute_separation(best_fit: Fit, predictions: list[Array]) -> float:
+def compute_separation(best_fit: Fit, predictions: list[Array]) -> float:
     """Return chi squared between the last of ``predictions`` and the first, refitted with the others' derivatives."""
     current, *perturbed, alternative = predictions
     jacobian = (
