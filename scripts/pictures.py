@@ -2,7 +2,7 @@
 
     python scripts/pictures.py
 
-Requires the extra 'rerun' and takes some minutes. Inspect the changes before committing them.
+Requires the extras 'rerun' and 'rendering', and takes some minutes. Inspect the changes before committing them.
 """
 
 import subprocess
@@ -14,6 +14,7 @@ DOCS_FOLDER = SCRIPTS_FOLDER.parent / "docs"
 SCRIPT_OUTPUTS = {
     "architecture.py": DOCS_FOLDER / "pictures" / "architecture.png",
     "view_pictures.py": DOCS_FOLDER / "pictures",
+    "first_screen.py": DOCS_FOLDER / "pictures",
     "effect_pages.py": DOCS_FOLDER / "effects",
 }
 """Output of each script."""

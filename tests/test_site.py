@@ -69,9 +69,36 @@ def test_viewer_figures_are_current(name: str) -> None:
     assert drawn == view_pictures.compute_digest(), "run `python scripts/view_pictures.py docs/pictures`"
 
 
+@pytest.mark.parametrize("name", ["first-walk.webp", "first-diagnosis.webp"])
+def test_first_screen_begins_with_current_animations(name: str) -> None:
+    first_screen = load_script("first_screen")
+    path = ROOT / "docs" / "pictures" / name
+    assert path.stat().st_size < 1_500_000
+    assert first_screen.read_digest(path) == first_screen.compute_digest(), (
+        "run `python scripts/first_screen.py docs/pictures`"
+    )
+    with Image.open(path) as animation:
+        assert animation.n_frames > 20
+        assert animation.info["loop"] == 0
+        assert animation.width <= 1000
+    for page, folder in (("README.md", "docs/pictures"), ("docs/index.md", "pictures")):
+        beginning = (ROOT / page).read_text("utf-8").split("```sh")[0]
+        assert f"]({folder}/{name})" in beginning, page
+        assert re.search(rf"!\[[^\]]{{40,}}\]\({folder}/{name}\)", beginning), "it needs a description"
+
+
+def test_pictures_are_small_in_total() -> None:
+    sizes = [path.stat().st_size for path in (ROOT / "docs").rglob("*") if path.suffix in (".png", ".webp", ".gif")]
+    assert sum(sizes) < 15_000_000
+
+
 def test_pictures_script_runs_every_figure_script() -> None:
     text = (ROOT / "scripts" / "pictures.py").read_text("utf-8")
-    listed = {name for name in ("architecture.py", "view_pictures.py", "effect_pages.py") if f'"{name}"' in text}
+    listed = {
+        name
+        for name in ("architecture.py", "view_pictures.py", "first_screen.py", "effect_pages.py")
+        if f'"{name}"' in text
+    }
     drawing = {path.name for path in (ROOT / "scripts").glob("*.py") if "docs/" in path.read_text("utf-8")}
     assert listed == drawing - {"pictures.py"}
 

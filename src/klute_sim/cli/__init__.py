@@ -17,38 +17,50 @@ from klute_sim import __version__
 from klute_sim.cli import process
 from klute_sim.errors import InputError, KluteSimError, make_printable, suggest
 
-COMMANDS = {
-    "gait": ("klute_sim.cli.gait", "Simulate gait with the prosthesis on the gait rig."),
-    "walk": ("klute_sim.cli.walk", "Simulate a person who walks by muscles and reflexes."),
-    "sweep": (
-        "klute_sim.cli.sweep",
-        "Simulate every combination of devices, controllers, subjects, speeds and slopes.",
-    ),
-    "bench": (
-        "klute_sim.cli.bench",
-        "Simulate a tensile test of a device (forces, work, step responses), or a joint (bench joint).",
-    ),
-    "reproduce": ("klute_sim.cli.reproduce", "Compare the model with the dissertation's numbers and figures."),
-    "design": ("klute_sim.cli.design", "Size actuator, damper and tendon for a muscle or a body mass."),
-    "assumptions": (
-        "klute_sim.cli.assumptions",
-        "List the assumed numbers of devices and their influence on the results.",
-    ),
-    "device": ("klute_sim.cli.device", "List the devices, or show the numbers, sources and forces of one."),
-    "diagnose": ("klute_sim.cli.diagnose", "Identify, from measured data, the effects that a device model lacks."),
-    "effects": ("klute_sim.cli.effects", "List the physical effects beyond the base model, or show one."),
-    "import": ("klute_sim.cli.import_", "Create a gait reference or a dataset from motion-capture files."),
-    "export": ("klute_sim.cli.export", "Export motion and loads of a run as OpenSim, CSV or Parquet files."),
-    "plan": ("klute_sim.cli.plan", "Plan bench measurements for a diagnosis: commands and files to record."),
-    "tune": ("klute_sim.cli.tune", "Tune a pressure profile, and optionally the device, in simulated gait."),
-    "train": ("klute_sim.cli.train", "Train a control policy and compare it with a baseline."),
-    "baselines": ("klute_sim.cli.baselines", "Simulate passive feet and standard controllers for comparison."),
-    "assess": ("klute_sim.cli.assess", "Assess whether a prosthesis serves a person, and where it falls short."),
-    "compare": ("klute_sim.cli.compare", "Compare recordings over gait phase or time."),
-    "play": ("klute_sim.cli.play", "Watch and steer a simulation in a window, or write it as a video."),
-    "view": ("klute_sim.cli.view", "Open results in the rerun viewer, or draw them as pictures."),
+HELP_SECTIONS = {
+    "Simulate": {
+        "gait": ("klute_sim.cli.gait", "Simulate gait with the prosthesis on the gait rig."),
+        "walk": ("klute_sim.cli.walk", "Simulate a person who walks by muscles and reflexes."),
+        "bench": (
+            "klute_sim.cli.bench",
+            "Simulate a tensile test of a device (forces, work, step responses), or a joint (bench joint).",
+        ),
+        "play": ("klute_sim.cli.play", "Watch and steer a simulation in a window, or write it as a video."),
+        "sweep": (
+            "klute_sim.cli.sweep",
+            "Simulate every combination of devices, controllers, subjects, speeds and slopes.",
+        ),
+    },
+    "Look at results": {
+        "view": ("klute_sim.cli.view", "Open results in the rerun viewer, or draw them as pictures."),
+        "compare": ("klute_sim.cli.compare", "Compare recordings over gait phase or time."),
+        "export": ("klute_sim.cli.export", "Export motion and loads of a run as OpenSim, CSV or Parquet files."),
+    },
+    "Compare with measured data": {
+        "diagnose": ("klute_sim.cli.diagnose", "Identify, from measured data, the effects that a device model lacks."),
+        "effects": ("klute_sim.cli.effects", "List the physical effects beyond the base model, or show one."),
+        "plan": ("klute_sim.cli.plan", "Plan bench measurements for a diagnosis: commands and files to record."),
+        "import": ("klute_sim.cli.import_", "Create a gait reference or a dataset from motion-capture files."),
+    },
+    "Design and control": {
+        "device": ("klute_sim.cli.device", "List the devices, or show the numbers, sources and forces of one."),
+        "design": ("klute_sim.cli.design", "Size actuator, damper and tendon for a muscle or a body mass."),
+        "tune": ("klute_sim.cli.tune", "Tune a pressure profile, and optionally the device, in simulated gait."),
+        "train": ("klute_sim.cli.train", "Train a control policy and compare it with a baseline."),
+        "baselines": ("klute_sim.cli.baselines", "Simulate passive feet and standard controllers for comparison."),
+        "assess": ("klute_sim.cli.assess", "Assess whether a prosthesis serves a person, and where it falls short."),
+    },
+    "The dissertation": {
+        "reproduce": ("klute_sim.cli.reproduce", "Compare the model with the dissertation's numbers and figures."),
+        "assumptions": (
+            "klute_sim.cli.assumptions",
+            "List the assumed numbers of devices and their influence on the results.",
+        ),
+    },
 }
-"""Module that defines the command as ``command``, and one line of help, by the name of the command."""
+"""Section of the help -> command -> module that defines it as ``command``, and one line of help."""
+COMMANDS = {name: entry for section in HELP_SECTIONS.values() for name, entry in section.items()}
+"""Module and line of help by the name of the command."""
 JOINT_BENCHES = ("joint", "mass", "knee")
 """Words after ``bench`` that name a mechanism instead of a protocol of the tensile tester."""
 
@@ -95,8 +107,10 @@ class _LazyGroup(click.Group):
             return super().invoke(ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+        width = max(map(len, COMMANDS))
+        for title, commands in HELP_SECTIONS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(width), text) for name, (_, text) in commands.items()])
 
 
 @click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)

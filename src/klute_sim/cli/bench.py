@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from klute_sim.cli import common
+from klute_sim.cli import common, completion
 
 if TYPE_CHECKING:
     from klute_sim.device.device import Device
 
 
 @click.command("bench")
-@click.argument("protocol_name", metavar="[PROTOCOL|FILE]", required=False)
-@click.argument("device_name", metavar="[DEVICE|FILE]", required=False)
+@click.argument("protocol_name", metavar="[PROTOCOL|FILE]", required=False, shell_complete=completion.complete_protocol)
+@click.argument("device_name", metavar="[DEVICE|FILE]", required=False, shell_complete=completion.complete_device)
 @click.option("--list", "as_list", is_flag=True, help="List the protocols of the package.")
 @click.option("--toml", "as_toml", is_flag=True, help="Print the file of PROTOCOL, as a template for your own.")
 @click.option(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from klute_sim.cli import common
+from klute_sim.cli import common, completion
 
 MODELS = {"joint": "antagonist_joint", "mass": "hanging_mass", "knee": "knee_jig"}
 """Word after ``klute-sim bench`` -> model."""
@@ -13,7 +13,7 @@ MODELS = {"joint": "antagonist_joint", "mass": "hanging_mass", "knee": "knee_jig
 
 @click.command("joint")
 @click.argument("test", metavar="[TEST]", default="steps")
-@click.argument("device_name", metavar="[DEVICE|FILE]", required=False)
+@click.argument("device_name", metavar="[DEVICE|FILE]", required=False, shell_complete=completion.complete_device)
 @click.option(
     "--device",
     "tendon_devices",

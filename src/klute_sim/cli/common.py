@@ -7,6 +7,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from klute_sim.cli import completion
 from klute_sim.errors import InputError
 
 
@@ -43,6 +44,7 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 DEVICE_OPTION = click.option(
     "--device",
     "device_name",
+    shell_complete=completion.complete_device,
     default=DEFAULT_DEVICE_NAME,
     show_default=True,
     metavar="NAME|FILE",
@@ -51,6 +53,7 @@ DEVICE_OPTION = click.option(
 OWN_DEVICES_OPTION = click.option(
     "--device",
     "devices",
+    shell_complete=completion.complete_device,
     multiple=True,
     metavar="NAME|FILE",
     help="Your own device: a device file, or the name of a preset; may be repeated.  [default: klute-1-1-4-pair]",

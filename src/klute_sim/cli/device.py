@@ -4,11 +4,11 @@ import json
 
 import click
 
-from klute_sim.cli import common
+from klute_sim.cli import common, completion
 
 
 @click.command("device")
-@click.argument("name", metavar="[NAME|FILE]", required=False)
+@click.argument("name", metavar="[NAME|FILE]", required=False, shell_complete=completion.complete_device)
 @click.option(
     "--pressure",
     type=common.NumberWithUnit("bar"),

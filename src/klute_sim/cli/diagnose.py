@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from klute_sim.cli import common
+from klute_sim.cli import common, completion
 from klute_sim.cli.common import NonEmptyPath
 
 if TYPE_CHECKING:
@@ -24,15 +24,24 @@ PREDICTIONS_FILE_NAME = "predictions.json"
 @click.option(
     "--device",
     "device_name",
+    shell_complete=completion.complete_device,
     default=None,
     metavar="NAME|FILE",
     help="Device: name of a preset, or a device file.  [default: the device of the dataset]",
 )
 @click.option(
-    "--only", multiple=True, metavar="EFFECT", help="Effect to test; may be repeated.  [default: all effects]"
+    "--only",
+    multiple=True,
+    metavar="EFFECT",
+    shell_complete=completion.complete_effect,
+    help="Effect to test; may be repeated.  [default: all effects]",
 )
 @click.option(
-    "--exclude", multiple=True, metavar="EFFECT", help="Effect not to test; may be repeated.  [default: none]"
+    "--exclude",
+    multiple=True,
+    metavar="EFFECT",
+    shell_complete=completion.complete_effect,
+    help="Effect not to test; may be repeated.  [default: none]",
 )
 @click.option(
     "--tolerance",

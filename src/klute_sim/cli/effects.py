@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from klute_sim.cli import common
+from klute_sim.cli import common, completion
 from klute_sim.cli.common import NonEmptyPath
 from klute_sim.report.effects import text
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @click.command("effects")
-@click.argument("name", metavar="[NAME]", required=False)
+@click.argument("name", metavar="[NAME]", required=False, shell_complete=completion.complete_effect)
 @click.option(
     "--json", "as_json", is_flag=True, help="Print JSON instead of tables: one object with NAME, a list without NAME."
 )
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 @click.option(
     "--device",
     "device_name",
+    shell_complete=completion.complete_device,
     default=text.SIGNATURE_DEVICE,
     show_default=True,
     metavar="NAME|FILE",

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from klute_sim.cli import common
+from klute_sim.cli import common, completion
 from klute_sim.cli.common import NonEmptyPath
 
 MIN_CADENCE, MAX_CADENCE = 48.0, 200.0
@@ -100,7 +100,13 @@ MIN_CADENCE, MAX_CADENCE = 48.0, 200.0
     is_flag=True,
     help="Create a dataset for klute-sim diagnose from trials with a prosthesis and from its log (docs/import.md).",
 )
-@click.option("--device", default=None, metavar="NAME|FILE", help="With --dataset: prosthesis (preset or device file).")
+@click.option(
+    "--device",
+    shell_complete=completion.complete_device,
+    default=None,
+    metavar="NAME|FILE",
+    help="With --dataset: prosthesis (preset or device file).",
+)
 @click.option(
     "--uncertain",
     multiple=True,

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import click
 
-from klute_sim.cli import common
+from klute_sim.cli import common, completion
 from klute_sim.cli.common import NonEmptyPath
 
 
 @click.command("plan")
-@click.argument("device_name", metavar="DEVICE")
+@click.argument("device_name", metavar="DEVICE", shell_complete=completion.complete_device)
 @click.option("--out", type=NonEmptyPath(), required=True, metavar="FOLDER", help="New or empty folder for the plan.")
 @click.option(
     "--repeats",
@@ -22,6 +22,7 @@ from klute_sim.cli.common import NonEmptyPath
 )
 @click.option(
     "--only",
+    shell_complete=completion.complete_identification_protocol,
     multiple=True,
     metavar="PROTOCOL",
     help="Protocol to plan (steps, ramps, sines, release, hold, slack, mixed); may be repeated.  [default: all]",

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import click
 
-from klute_sim.cli import common
+from klute_sim.cli import common, completion
 from klute_sim.cli.common import NonEmptyPath
 
 
 @click.command("play")
-@click.argument("scene", default="gait", metavar="[gait|bench|walk]")
+@click.argument("scene", default="gait", metavar="[gait|bench|walk]", shell_complete=completion.complete_scene)
 @common.DEVICE_OPTION
 @click.option(
     "--pressure",

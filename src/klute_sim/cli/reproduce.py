@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from klute_sim.cli import common
+from klute_sim.cli import common, completion
 from klute_sim.cli.common import NonEmptyPath
 
 DEFAULT_DEVICE = "klute-3-4-pair"
@@ -13,6 +13,7 @@ DEFAULT_DEVICE = "klute-3-4-pair"
 @click.command("reproduce")
 @click.option(
     "--device",
+    shell_complete=completion.complete_device,
     default=DEFAULT_DEVICE,
     show_default=True,
     metavar="NAME|FILE",

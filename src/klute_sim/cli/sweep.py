@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from klute_sim.cli import common
+from klute_sim.cli import common, completion
 
 REFERENCE_SPEED = "reference"
 """Keyword for the speed that reference and leg length imply."""
@@ -62,6 +62,7 @@ WALK_STEP_MS = 1.0
 @click.option(
     "--device",
     "devices",
+    shell_complete=completion.complete_device,
     multiple=True,
     metavar="NAME|FILE",
     help="Device: name of a preset, or a device file; may be repeated.  [default: klute-1-1-4-pair]",

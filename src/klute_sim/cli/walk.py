@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from klute_sim.cli import common
+from klute_sim.cli import common, completion
 
 
 def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -15,6 +15,7 @@ def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
     options = (
         click.option(
             "--device",
+            shell_complete=completion.complete_device,
             default=None,
             metavar="NAME|FILE",
             help="Device: name of a preset, or a device file.  [default: klute-1-1-4-pair]",
@@ -176,6 +177,7 @@ def list_command() -> None:
 @click.argument("b")
 @click.option(
     "--device",
+    shell_complete=completion.complete_device,
     default=None,
     metavar="NAME|FILE",
     help="Device of the controllers: name of a preset, or a device file.  [default: klute-1-1-4-pair]",
