@@ -48,6 +48,8 @@ UNLIMITED_PRESSURE, UNLIMITED_PRESSURE_RATE = 1e9, 1e15
 """Pressure [Pa] and rate [Pa/s] that a device with a prescribed pressure never reaches."""
 SUPPLY_HOOKS = frozenset({"supply", "pressure_target", "pressure_reached", "next_state"})
 """Hooks of effects that act between the command and the pressure in the muscle; a dead time has no hook."""
+DIVERGENCE_HINT = "use a shorter time step, and check the numbers, stops and contacts of the model"
+"""How to fix a model that diverges."""
 _python_lock = threading.Lock()
 """Held by the only simulation that runs on the Python backend."""
 
@@ -205,7 +207,7 @@ def simulate_mechanism(
                 run = _run_compiled if used_backend == "compiled" else _run_in_python
                 fields, has_failed = run(model, data, schedule.controls)
         except SimulationError as error:  # a device notices first that its length is not finite
-            raise SimulationError(f"the model {mechanism.file.path} diverges: {error}") from None
+            raise SimulationError(f"the model {mechanism.file.path} diverges: {error}; {DIVERGENCE_HINT}") from None
     if has_failed or not all(np.isfinite(values).all() for values in fields.values()):
         raise SimulationError(f"the model {mechanism.file.path} diverges: {_describe_failure(fields, dt)}")
     return MechanismRollout(
@@ -361,7 +363,4 @@ def _describe_failure(fields: Mapping[str, Array], dt: float) -> str:
     qpos = fields["qpos"]
     moved = np.flatnonzero(np.any(np.diff(qpos, axis=0) != 0.0, axis=1) & np.isfinite(qpos[1:]).all(axis=1))
     last = int(moved[-1]) + 1 if len(moved) else 0
-    return (
-        f"its motion is not finite after t = {dt * last:.4g} s; use a shorter time step, and check the masses, stops "
-        "and contacts of the model"
-    )
+    return f"its motion is not finite after t = {dt * last:.4g} s; {DIVERGENCE_HINT}"
