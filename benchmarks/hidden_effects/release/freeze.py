@@ -1,0 +1,133 @@
+"""Freeze datasets of the benchmark into a folder that others can score their methods on.
+
+    python -m benchmarks.hidden_effects.release.freeze OUT                 # all blocks of the bench, test half
+    python -m benchmarks.hidden_effects.release.freeze OUT --count 2       # a small one
+
+The release needs no klute-sim: trials are Parquet, the device and the set-up are TOML, truths are sealed, and score.pyz
+scores a folder of answers with nothing but Python.
+"""
+
+import argparse
+import hashlib
+import json
+import re
+import shutil
+import sys
+import tempfile
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow.csv
+import pyarrow.parquet
+from benchmarks.hidden_effects.catalogue import EXACT_TWINS
+from benchmarks.hidden_effects.generate import make_dataset
+from benchmarks.hidden_effects.plan import BLOCK_SIZES, GAIT_BLOCKS, HALF_SEEDS, JOINT_BLOCKS, plan_datasets
+from benchmarks.hidden_effects.release.scorer import SEALED_FILE, VERDICTS, seal
+from benchmarks.hidden_effects.run import list_excluded
+from rich.progress import track
+
+from klute_sim.device.device import load_device
+from klute_sim.effects import catalogue
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[2]
+BENCH_BLOCKS = tuple(block for block in BLOCK_SIZES if block not in (*GAIT_BLOCKS, *JOINT_BLOCKS))
+"""Blocks that are released: those of the test bench."""
+SCORER_FILES = tuple(f"benchmarks/hidden_effects/{name}.py" for name in ("catalogue", "score", "release/scorer"))
+"""Modules in score.pyz."""
+
+
+def freeze(folder: Path, blocks: Sequence[str], count: int | None, seed: int) -> dict[str, Any]:
+    """Write the release into the new folder ``folder``; return the ground truth by name.
+
+    ``count`` limits the datasets of each block. Raises FileExistsError when ``folder`` exists.
+    """
+    folder.mkdir(parents=True)
+    specs = [
+        spec for block in blocks for spec in plan_datasets(block, BLOCK_SIZES[block] if count is None else count, seed)
+    ]
+    truths: dict[str, Any] = {}
+    withheld: dict[str, list[str]] = {}
+    order = sorted(specs, key=lambda spec: hashlib.sha256(spec["name"].encode()).hexdigest())  # names tell no block
+    for index, spec in enumerate(track(order, "freezing", disable=not sys.stderr.isatty())):
+        name = f"d{index:04d}"
+        with tempfile.TemporaryDirectory() as scratch:
+            arguments = {key: value for key, value in spec.items() if key != "name"}
+            truth = make_dataset(Path(scratch) / name, **arguments, truth=Path(scratch) / "truth.json")
+            write_parquet_dataset(Path(scratch) / name, folder / "datasets" / name)
+        truths[name] = {**truth, "near_twins": [[a, b] for a, twins in EXACT_TWINS.items() for b in twins]}
+        if spec.get("deleted"):
+            withheld[name] = sorted(list_excluded(spec["effects"]))
+    (folder / SEALED_FILE).write_text(seal(truths), "ascii")
+    (folder / "withheld.json").write_text(json.dumps(withheld, indent=1) + "\n", "utf-8")
+    write_devices(folder)
+    write_scorer(folder / "score.pyz")
+    shutil.copy(ROOT / "LICENSE", folder / "LICENSE")
+    card = (HERE / "data_card.md").read_text("utf-8")
+    verdicts = ", ".join(f"`{verdict}`" for verdict in VERDICTS)
+    for field, text in (("verdicts", verdicts), ("count", str(len(truths))), ("effects", list_effects())):
+        card = card.replace(f"{{{field}}}", text)
+    (folder / "DATA_CARD.md").write_text(card, "utf-8")
+    return truths
+
+
+def write_parquet_dataset(source: Path, target: Path) -> None:
+    """Copy the dataset ``source``; its CSV trials become Parquet with the same columns."""
+    shutil.copytree(source, target)
+    for file in sorted(target.glob("*.csv")):
+        pyarrow.parquet.write_table(pyarrow.csv.read_csv(file), file.with_suffix(".parquet"))
+        file.unlink()
+    description = target / "dataset.toml"
+    text = description.read_text("utf-8")
+    description.write_text(re.sub(r'(files = \["[^"]+)\.csv"\]', r'\1.parquet"]', text), "utf-8")
+
+
+def write_devices(folder: Path) -> None:
+    """Write the device file of each preset that a dataset names."""
+    names = {
+        match[1]
+        for file in (folder / "datasets").glob("*/dataset.toml")
+        if (match := re.search(r'(?m)^device = "([^"]+)"$', file.read_text("utf-8"))) and not match[1].endswith(".toml")
+    }
+    (folder / "devices").mkdir()
+    for name in sorted(names):
+        (folder / "devices" / f"{name}.toml").write_bytes(load_device(name).content)
+
+
+def write_scorer(path: Path) -> None:
+    """Write the scorer as one file that Python runs."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for package in ("benchmarks", "benchmarks/hidden_effects", "benchmarks/hidden_effects/release"):
+            archive.writestr(zipfile.ZipInfo(f"{package}/__init__.py"), "")
+        for file in SCORER_FILES:
+            archive.writestr(zipfile.ZipInfo(file), (ROOT / file).read_text("utf-8"))
+        main = "import sys\n\nfrom benchmarks.hidden_effects.release.scorer import main\n\nsys.exit(main())\n"
+        archive.writestr(zipfile.ZipInfo("__main__.py"), main)
+
+
+def list_effects() -> str:
+    """Return the names that an answer may use, as a Markdown list."""
+    return "\n".join(f"- `{effect.name}`: {effect.description}" for effect in catalogue.get_named_effects().values())
+
+
+def main() -> None:
+    """Freeze and say what was written."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, help="new folder of the release")
+    parser.add_argument("--block", choices=BENCH_BLOCKS, action="append", help="may be repeated  [default: all]")
+    parser.add_argument("--count", type=int, help="datasets of every block  [default: as many as tell enough]")
+    parser.add_argument("--half", choices=tuple(HALF_SEEDS), default="test", help="[default: test]")
+    parser.add_argument("--seed", type=int, help="seed of a release of your own  [default: that of the half]")
+    options = parser.parse_args()
+    if options.out.exists():
+        parser.error(f"{options.out} exists; choose a new folder")
+    seed = HALF_SEEDS[options.half] if options.seed is None else options.seed
+    truths = freeze(options.out, options.block or BENCH_BLOCKS, options.count, seed)
+    size = sum(file.stat().st_size for file in options.out.rglob("*") if file.is_file()) / 1e6
+    print(f"{len(truths)} datasets, {size:.1f} MB in {options.out}; DATA_CARD.md says how to answer and score them.")
+
+
+if __name__ == "__main__":
+    main()

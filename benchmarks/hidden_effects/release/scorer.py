@@ -1,0 +1,223 @@
+"""Score the answers of any method on a frozen release of the benchmark; needs nothing but Python.
+
+    python score.pyz ANSWERS                 # in the folder of the release
+    python score.pyz ANSWERS --json          # machine-readable, with the outcome of every dataset
+
+ANSWERS is a folder with one file NAME.json for each folder datasets/NAME. DATA_CARD.md describes both.
+"""
+
+import argparse
+import base64
+import json
+import math
+import sys
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from benchmarks.hidden_effects.score import (
+    FLAGGED_VERDICTS,
+    NAMING_VERDICTS,
+    WRONG_OUTCOMES,
+    is_first_right,
+    list_effect_sets,
+    list_hidden_effects,
+    score_verdict,
+)
+
+VERDICTS = ("nothing-missing", *sorted(NAMING_VERDICTS), *sorted(FLAGGED_VERDICTS))
+"""Allowed values of ``verdict`` in an answer."""
+SEALED_FILE = "truths.sealed"
+"""File of the release with the ground truths."""
+Z_SCORE = 1.959964
+"""Quantile of the 95 % interval."""
+
+
+class AnswerError(Exception):
+    """An answer that cannot be scored."""
+
+
+class ScoredAnswer(NamedTuple):
+    """A dataset with its ground truth, the answer and its outcome."""
+
+    name: str
+    truth: Mapping[str, Any]
+    answer: Mapping[str, Any]
+    outcome: str
+
+
+class Row(NamedTuple):
+    """A line of the table: how many of how many, and what is better."""
+
+    name: str
+    count: int
+    of: int
+    higher_is_better: bool
+
+
+def seal(truths: Mapping[str, Any]) -> str:
+    """Return ``truths`` as text that nobody reads by accident; it is no protection against intent."""
+    return base64.b85encode(zlib.compress(json.dumps(truths, sort_keys=True).encode(), 9)).decode() + "\n"
+
+
+def unseal(text: str) -> dict[str, Any]:
+    """Return the ground truths in ``text``."""
+    truths: dict[str, Any] = json.loads(zlib.decompress(base64.b85decode(text.strip())))
+    return truths
+
+
+def read_answer(path: Path) -> dict[str, Any]:
+    """Return the answer in ``path``; raises AnswerError, in one sentence, when it is not one."""
+    try:
+        content = json.loads(path.read_text("utf-8"))
+    except FileNotFoundError:
+        raise AnswerError(f"{path} is missing; every dataset needs an answer") from None
+    except (OSError, ValueError) as error:
+        raise AnswerError(f"{path} is not JSON: {error}") from None
+    if not isinstance(content, dict) or content.get("verdict") not in VERDICTS:
+        verdict = content.get("verdict") if isinstance(content, dict) else content
+        raise AnswerError(f"{path}: 'verdict' is {verdict!r}; allowed: {', '.join(VERDICTS)}")
+    effects = content.get("effects", [])
+    if not isinstance(effects, list) or not all(
+        isinstance(e, dict) and isinstance(e.get("name"), str) for e in effects
+    ):
+        raise AnswerError(f"{path}: 'effects' is {effects!r}; allowed: a list of objects with 'name'")
+    if content["verdict"] in NAMING_VERDICTS and not effects:
+        raise AnswerError(f"{path}: the verdict {content['verdict']} needs at least one entry in 'effects'")
+    alternatives = content.get("alternatives", [])
+    if not isinstance(alternatives, list) or not all(
+        isinstance(names, list) and all(isinstance(name, str) for name in names) for names in alternatives
+    ):
+        raise AnswerError(f"{path}: 'alternatives' is {alternatives!r}; allowed: a list of lists of names")
+    return {**content, "effects": effects, "alternatives": alternatives}
+
+
+def score_answer(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> ScoredAnswer:
+    """Return the scored ``answer``; what a refit leaves, which decides on *absorbed*, is that of the ground truth."""
+    refitted = math.sqrt(1.0 + float(truth.get("size") or 0.0) ** 2)
+    gap = {"worst": {"floor": 1.0, "refitted": refitted, "after": refitted}}
+    complete = {**answer, "gap": gap, "indistinguishable": truth.get("near_twins", [])}
+    return ScoredAnswer(name, truth, complete, score_verdict(truth, complete))
+
+
+def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
+    """Return the lines of the table; a line without datasets is left out."""
+
+    def count(
+        name: str,
+        blocks: Sequence[str],
+        counts: Callable[[ScoredAnswer], bool],
+        higher_is_better: bool = True,
+        selects: Callable[[ScoredAnswer], bool] = lambda a: True,
+    ) -> Row:
+        selected = [a for a in answers if a.truth["block"] in blocks and selects(a)]
+        return Row(name, sum(map(counts, selected)), len(selected), higher_is_better)
+
+    def is_visible(a: ScoredAnswer) -> bool:
+        return float(a.truth["size"]) >= 1.0
+
+    def is_right(a: ScoredAnswer) -> bool:
+        return a.outcome == "right"
+
+    def is_wrong(a: ScoredAnswer) -> bool:
+        return a.outcome in WRONG_OUTCOMES
+
+    def is_wrong_alone(a: ScoredAnswer) -> bool:
+        return is_wrong(a) and a.answer["verdict"] != "indistinguishable"
+
+    blocks = sorted({a.truth["block"] for a in answers})
+    rows = [
+        count(
+            "first name right, effect at least as large as the noise",
+            ("single", "instrument"),
+            lambda a: is_first_right(a.truth, a.answer),
+            selects=is_visible,
+        ),
+        count("exact set, one effect", ("single", "instrument"), is_right, selects=is_visible),
+        count("exact set, two effects", ("pair",), is_right),
+        count("exact set, three effects", ("triple",), is_right),
+        count("an effect is named in clean data", ("clean",), is_wrong, False),
+        count(
+            "outside the catalogue: flagged, or absorbed", ("outside",), lambda a: a.outcome in ("flagged", "absorbed")
+        ),
+        count("outside the catalogue, faint: a wrong name alone", ("faint_outside",), is_wrong_alone, False),
+        count(
+            "wrong number: in a set, or absorbed",
+            ("wrong_number",),
+            lambda a: a.outcome in ("right", "loose", "absorbed"),
+        ),
+        count("wrong number: a wrong name alone", ("wrong_number",), is_wrong_alone, False),
+        count(
+            "imperfect law: names right", ("imperfect",), is_right, selects=lambda a: bool(list_hidden_effects(a.truth))
+        ),
+        count(
+            "imperfect law: an effect is invented",
+            ("imperfect",),
+            is_wrong,
+            False,
+            lambda a: not list_hidden_effects(a.truth),
+        ),
+        count(
+            "the truth is in a set of several",
+            blocks,
+            lambda a: list_hidden_effects(a.truth) in list_effect_sets(a.answer),
+            selects=lambda a: a.answer["verdict"] == "indistinguishable" and bool(list_hidden_effects(a.truth)),
+        ),
+        count("wrong names, all datasets", blocks, is_wrong, False),
+    ]
+    return [row for row in rows if row.of]
+
+
+def compute_wilson_interval(count: int, of: int) -> tuple[float, float]:
+    """Return the 95 % interval of a fraction (Wilson 1927, J Am Stat Assoc 22:209)."""
+    fraction, z2 = count / of, Z_SCORE**2
+    center = (fraction + z2 / (2 * of)) / (1 + z2 / of)
+    half = Z_SCORE * math.sqrt(fraction * (1 - fraction) / of + z2 / (4 * of * of)) / (1 + z2 / of)
+    return max(0.0, center - half), min(1.0, center + half)
+
+
+def format_table(rows: Sequence[Row]) -> str:
+    """Return the table as Markdown."""
+    lines = ["| measure | value | 95 % interval | of | better |", "|---|---|---|---|---|"]
+    for row in rows:
+        low, high = compute_wilson_interval(row.count, row.of)
+        better = "higher" if row.higher_is_better else "lower"
+        interval = f"{100 * low:.1f} to {100 * high:.1f} %"
+        lines.append(f"| {row.name} | {100 * row.count / row.of:.1f} % | {interval} | {row.of} | {better} |")
+    return "\n".join(lines)
+
+
+def score_folder(truths: Mapping[str, Any], folder: Path) -> list[ScoredAnswer]:
+    """Return the scored answers in ``folder``; raises AnswerError when one is missing or wrong."""
+    return [score_answer(name, truth, read_answer(folder / f"{name}.json")) for name, truth in sorted(truths.items())]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Score a folder of answers; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("answers", type=Path, help="folder of answers, NAME.json")
+    parser.add_argument(
+        "--release", type=Path, default=Path("."), help="folder of the release  [default: the current folder]"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    options = parser.parse_args(arguments)
+    try:
+        sealed = (options.release / SEALED_FILE).read_text("ascii")
+    except OSError:
+        parser.error(f"{options.release} has no {SEALED_FILE}; run this in the folder of the release, or use --release")
+    try:
+        answers = score_folder(unseal(sealed), options.answers)
+    except AnswerError as error:
+        parser.error(str(error))
+    rows = compute_rows(answers)
+    if options.json:
+        outcomes = {a.name: a.outcome for a in answers}
+        print(json.dumps({"rows": [row._asdict() for row in rows], "outcomes": outcomes}, indent=1))
+    else:
+        print(format_table(rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

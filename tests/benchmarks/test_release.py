@@ -1,0 +1,132 @@
+"""A frozen release of the benchmark: what it contains, and that its scorer needs nothing but Python."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from benchmarks.hidden_effects.release import freeze as release
+from benchmarks.hidden_effects.release.scorer import compute_wilson_interval, seal, unseal
+from benchmarks.hidden_effects.score import format_effect
+
+from klute_sim.datasets import dataset as datasets
+from klute_sim.device.device import load_device
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def frozen(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Return a release of a clean dataset and two with an effect, and its truths."""
+    folder = tmp_path_factory.mktemp("release") / "r"
+    return folder, release.freeze(folder, ("clean", "single", "outside"), 1, 7)
+
+
+def run_scorer(folder: Path, answers: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run score.pyz without the packages of this environment."""
+    command = [sys.executable, "-I", "-S", str(folder / "score.pyz"), str(answers), "--release", str(folder)]
+    return subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)
+
+
+def write_answers(folder: Path, answers: dict[str, Any]) -> Path:
+    folder.mkdir()
+    for name, answer in answers.items():
+        (folder / f"{name}.json").write_text(json.dumps(answer))
+    return folder
+
+
+def answer_truth(truth: dict[str, Any]) -> dict[str, Any]:
+    """Return the ideal answer."""
+    if truth["deleted"] or truth["strangers"]:
+        return {"verdict": "unexplained"}
+    effects = [{k: e[k] for k in ("name", "channel") if k in e} for e in [*truth["effects"], *truth["instruments"]]]
+    return {"verdict": "identified", "effects": effects} if effects else {"verdict": "nothing-missing"}
+
+
+def test_datasets_are_parquet_and_load(frozen: tuple[Path, dict[str, Any]]) -> None:
+    folder, truths = frozen
+    assert sorted(truths) == ["d0000", "d0001", "d0002"]
+    assert not list(folder.rglob("*.csv"))
+    for name in truths:
+        data = datasets.load_dataset(folder / "datasets" / name)
+        assert {trial.use for trial in data.trials} == {"fit", "validation", "test"}
+        assert load_device(str(folder / "devices" / f"{data.device.name}.toml")).digest == data.device.digest
+
+
+def test_truths_are_sealed_and_nothing_tells_them(frozen: tuple[Path, dict[str, Any]]) -> None:
+    folder, truths = frozen
+    assert unseal((folder / "truths.sealed").read_text()) == json.loads(json.dumps(truths))
+    hidden = {effect["name"] for truth in truths.values() for effect in truth["effects"] if not truth["deleted"]}
+    assert hidden
+    for file in (folder / "datasets").rglob("*.*"):
+        assert not any(name.encode() in file.read_bytes() for name in hidden), file
+    assert unseal(seal({"a": {"block": "clean"}})) == {"a": {"block": "clean"}}
+
+
+def test_truth_scores_full_marks_and_a_silent_method_does_not(
+    frozen: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    folder, truths = frozen
+    ideal = write_answers(tmp_path / "ideal", {name: answer_truth(truth) for name, truth in truths.items()})
+    done = run_scorer(folder, ideal, "--json")
+    assert done.returncode == 0, done.stderr
+    scored = json.loads(done.stdout)
+    assert set(scored["outcomes"].values()) <= {"right", "flagged"}
+    for row in scored["rows"]:
+        assert row["count"] == (row["of"] if row["higher_is_better"] else 0), row
+    silent = write_answers(tmp_path / "silent", {name: {"verdict": "nothing-missing"} for name in truths})
+    done = run_scorer(folder, silent)
+    assert done.returncode == 0, done.stderr
+    assert "| wrong names, all datasets | 0.0 % |" in done.stdout
+    assert "| exact set, one effect | 0.0 % |" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("answer", "sentence"),
+    [
+        ({"verdict": "perhaps"}, "'verdict' is 'perhaps'; allowed: nothing-missing"),
+        ({"verdict": "identified"}, "needs at least one entry in 'effects'"),
+        ({"verdict": "identified", "effects": ["friction"]}, "allowed: a list of objects with 'name'"),
+        (
+            {"verdict": "unexplained", "alternatives": "none"},
+            "'alternatives' is 'none'; allowed: a list of lists of names",
+        ),
+        ([], "'verdict' is []"),
+    ],
+)
+def test_wrong_answer_is_refused_with_one_sentence(
+    frozen: tuple[Path, dict[str, Any]], tmp_path: Path, answer: Any, sentence: str
+) -> None:
+    folder, truths = frozen
+    done = run_scorer(folder, write_answers(tmp_path / "a", dict.fromkeys(truths, answer)))
+    assert done.returncode == 2
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_missing_answer_and_missing_release_are_refused(frozen: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    folder, _ = frozen
+    assert "d0000.json is missing; every dataset needs an answer" in run_scorer(folder, tmp_path).stderr
+    command = [sys.executable, str(folder / "score.pyz"), str(tmp_path), "--release", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "has no truths.sealed" in done.stderr
+
+
+def test_card_has_all_names_and_its_method_runs(frozen: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    folder, truths = frozen
+    card = (folder / "DATA_CARD.md").read_text()
+    assert "{effects}" not in card
+    assert all(f"`{format_effect(effect)}`" in card for truth in truths.values() for effect in truth["effects"])
+    (tmp_path / "datasets").symlink_to(folder / "datasets")
+    code = card.split("```python\n")[1].split("```")[0]
+    subprocess.run([sys.executable, "-I", "-c", code], cwd=tmp_path, check=True)
+    assert run_scorer(folder, tmp_path / "answers").returncode == 0
+
+
+def test_wilson_interval() -> None:
+    """Newcombe 1998 (Stat Med 17:857): 81 of 263 gives 0.2553 to 0.3662."""
+    assert compute_wilson_interval(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
+    assert compute_wilson_interval(0, 10)[0] == 0.0
