@@ -170,9 +170,15 @@ OUT_OF_CATALOGUE_JOINT_FORMS: Forms = {
 
 VALVE_EFFECTS = {"leak"}
 """Effects that a regulator compensates; they are hidden in a device with a known valve."""
-EXACT_TWINS = {"braid_hysteresis": ("seal_friction",)}
-"""Effect -> effects of the public catalogue with a form that contains it: a seal that rubs in proportion to pressure
-is a braid that does. An effect that is to be in no catalogue is removed together with them."""
+EXACT_TWINS = {
+    "braid_hysteresis": ("seal_friction",),
+    "laminar_orifice": ("oil_temperature",),
+    "oil_temperature": ("laminar_orifice",),
+}
+"""Effect -> effects of the public catalogue with a form that contains it or equals it: a seal that rubs in proportion
+to pressure is a braid that does, and oil a little colder than its transition speed allows for is laminar flow (their
+sensitivities have a cosine of 0.98, and no change of the rig splits them). An effect that is to be in no catalogue is
+removed together with them."""
 KNOWN_VALVE: dict[str, Any] = {
     "name": "choked_valve",
     "form": "symmetric",
