@@ -1,12 +1,11 @@
 """Simulate gait with a prosthesis on the gait rig: :func:`simulate_gait` and its result :class:`GaitRun`."""
 
-import json
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from klute_sim.api.inputs import (
     ControllerLike,
@@ -15,12 +14,13 @@ from klute_sim.api.inputs import (
     to_controller,
     to_device,
 )
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.recorded_run import RecordedRun
+from klute_sim.api.rendering import Summary
 from klute_sim.controllers.learned import PolicyController
 from klute_sim.controllers.parse import Controller
 from klute_sim.controllers.pressure import ConstantPressure, PressureProfile, create_off_controller
 from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device, parse_device, set_number
-from klute_sim.errors import InputError, MissingExtraError
+from klute_sim.errors import InputError
 from klute_sim.files.toml import format_toml, parse_toml
 from klute_sim.gait.code_digest import describe_policy_code
 from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics, compute_reference_metrics
@@ -31,9 +31,8 @@ from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.gait.spring_foot import SpringFoot
 from klute_sim.gait.subject import ReferenceLike, resolve_subject
 from klute_sim.gait.summary import summarize_gait_run
-from klute_sim.recording import csv, parquet
+from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
-from klute_sim.recording.run_folder import create_run_folder
 from klute_sim.types import ProgressCallback
 from klute_sim.units import BAR
 
@@ -47,9 +46,10 @@ INPUT_KEYS = (
 
 
 @dataclass(frozen=True, repr=False)
-class GaitRun:
+class GaitRun(RecordedRun):
     """A simulated gait run: the recording of every time step, and the metrics of every stride."""
 
+    kind: ClassVar[str] = "gait"
     device: Device | None
     """Device that was simulated; None: a spring foot."""
     options: GaitOptions
@@ -98,68 +98,26 @@ class GaitRun:
         name = self.recording.provenance["device"]["name"]
         return f"GaitRun({name!r}, {self.options.strides} strides, {options['speed_m_per_s']:.2f} m/s)"
 
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
-
     def plot(self) -> "Figure":
         """Return the figure of the last stride over the reference."""
         from klute_sim.report.gait.figure import build_figure
 
         return build_figure(self.recording)
 
-    def save(self, folder: str | Path | None = None, *, with_csv: bool = False) -> Path:
-        """Write the files of ``klute-sim gait`` into ``folder`` (new or empty; default: the next ``runs/gait-NNN``).
-
-        Returns the folder. Without the extra 'rerun', recording.rrd is left out.
-        """
-        with create_run_folder("gait", folder) as (final_folder, scratch):
-            self.write_files(scratch, final_folder, with_csv=with_csv)
-        return final_folder
-
-    def write_files(
-        self,
-        scratch: Path,
-        folder: Path,
-        *,
-        with_csv: bool = False,
-        progress: Callable[[float], None] = lambda fraction: None,
-    ) -> tuple[dict[str, Any], list[str]]:
-        """Write all files into ``scratch``, which becomes ``folder``.
-
-        Returns the content of summary.json, and sentences on optional files that are left out.
-        """
-        from klute_sim.gait.rig.build import build_gait_model
-        from klute_sim.report.style import COMPACT_DPI
-        from klute_sim.viewer.layouts import gait as layout
-
-        notes = []
+    def _write_inputs(self, scratch: Path) -> None:
         if self.device is not None:
             align = self.recording.provenance["options"]["alignment_deg"]
             (scratch / "device.toml").write_bytes(state_alignment(self.device, align).content)
-        parquet.write_recording(self.recording, scratch / "recording.parquet")
-        if with_csv:
-            csv.write(self.recording, scratch / "recording.csv")
-        progress(0.2)
-        self.plot().savefig(scratch / "report.png", dpi=COMPACT_DPI)
-        progress(0.6)
-        try:
-            foot_name = self.recording.provenance["foot"]["name"]
-            options, device = self.options, self.device or load_device(DEFAULT_DEVICE).with_foot(foot_name)
-            alignment = math.radians(self.recording.provenance["options"]["alignment_deg"])
-            model = build_gait_model(
-                device, mass=options.mass, stature=options.stature, dt=options.dt, alignment=alignment
-            )
-            layout.write_recording(self.recording, model, scratch / "recording.rrd")
-        except MissingExtraError as error:
-            notes.append(f"No recording.rrd: {error}.")
-        files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
-        content = {**self.summary, "run": str(folder), "files": files}
-        (scratch / "summary.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
-        return content, notes
+
+    def _write_view(self, scratch: Path) -> None:
+        from klute_sim.gait.rig.build import build_gait_model
+        from klute_sim.viewer.layouts import gait as layout
+
+        foot_name = self.recording.provenance["foot"]["name"]
+        options, device = self.options, self.device or load_device(DEFAULT_DEVICE).with_foot(foot_name)
+        alignment = math.radians(self.recording.provenance["options"]["alignment_deg"])
+        model = build_gait_model(device, mass=options.mass, stature=options.stature, dt=options.dt, alignment=alignment)
+        layout.write_recording(self.recording, model, scratch / "recording.rrd")
 
 
 def simulate_gait(

@@ -2,22 +2,20 @@
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from klute_sim.api.gait import check_supply_pressure
 from klute_sim.api.inputs import ControllerLike, DeviceLike, ignore_progress, to_controller, to_device
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.recorded_run import RecordedRun
+from klute_sim.api.rendering import Summary
 from klute_sim.controllers.parse import Controller
 from klute_sim.device.device import DEFAULT_DEVICE, Device
-from klute_sim.errors import InputError, MissingExtraError
+from klute_sim.errors import InputError
 from klute_sim.gait.spring_foot import SpringFoot
-from klute_sim.recording import csv, parquet
 from klute_sim.recording.recording import Recording
-from klute_sim.recording.run_folder import create_run_folder
 from klute_sim.types import ProgressCallback
 from klute_sim.walker.outcomes import WalkOutcomes, compute_outcomes
 from klute_sim.walker.person.build import Ground, Prosthesis
@@ -35,9 +33,10 @@ DEFAULT_CONTROLLER = "machine"
 
 
 @dataclass(frozen=True, repr=False)
-class WalkRun:
+class WalkRun(RecordedRun):
     """A simulated walk: the recording of every time step, and its outcomes."""
 
+    kind: ClassVar[str] = "walk"
     device: Device | None
     """Device that was simulated; None: a spring foot, or two legs of flesh."""
     walker: Walker
@@ -85,64 +84,21 @@ class WalkRun:
         prosthesis = self.summary["prosthesis"] or "two legs"
         return f"WalkRun({prosthesis!r}, walker {self.walker.name!r}, {self.outcomes.duration_s:.1f} s)"
 
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
-
     def plot(self) -> "Figure":
         """Return the figure of the mean stride of both legs over the reference."""
         from klute_sim.report.walk.figure import build_figure
 
         return build_figure(self.recording, self.outcomes)
 
-    def save(self, folder: str | Path | None = None, *, with_csv: bool = False) -> Path:
-        """Write the files of ``klute-sim walk`` into ``folder`` (new or empty; default: the next ``runs/walk-NNN``).
-
-        Returns the folder. Without the extra 'rerun', recording.rrd is left out.
-        """
-        with create_run_folder("walk", folder) as (final_folder, scratch):
-            self.write_files(scratch, final_folder, with_csv=with_csv)
-        return final_folder
-
-    def write_files(
-        self,
-        scratch: Path,
-        folder: Path,
-        *,
-        with_csv: bool = False,
-        progress: Callable[[float], None] = lambda fraction: None,
-    ) -> tuple[dict[str, Any], list[str]]:
-        """Write all files into ``scratch``, which becomes ``folder``.
-
-        Returns the content of summary.json, and sentences on optional files that are left out.
-        """
-        from klute_sim.report.style import COMPACT_DPI
-        from klute_sim.viewer.layouts import walk as layout
-
-        notes = []
-
+    def _write_inputs(self, scratch: Path) -> None:
         if self.device is not None:
             (scratch / "device.toml").write_bytes(self.device.content)
         (scratch / "walker.toml").write_text(self.walker.to_toml(), "utf-8")
-        parquet.write_recording(self.recording, scratch / "recording.parquet")
-        if with_csv:
-            csv.write(self.recording, scratch / "recording.csv")
-        progress(0.4)
-        self.plot().savefig(scratch / "report.png", dpi=COMPACT_DPI)
-        progress(0.7)
-        try:
-            layout.write_recording(
-                self.recording, layout.build_model(self.recording, scratch), scratch / "recording.rrd"
-            )
-        except MissingExtraError as error:
-            notes.append(f"No recording.rrd: {error}.")
-        files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
-        content = {**self.summary, "run": str(folder), "files": files}
-        (scratch / "summary.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
-        return content, notes
+
+    def _write_view(self, scratch: Path) -> None:
+        from klute_sim.viewer.layouts import walk as layout
+
+        layout.write_recording(self.recording, layout.build_model(self.recording, scratch), scratch / "recording.rrd")
 
 
 def simulate_walk(

@@ -127,6 +127,16 @@ SPEED_OPTION = click.option(
 )
 
 
+SPRING_FOOT_OPTION = click.option(
+    "--spring-foot",
+    type=NumberWithUnit("N·m/deg"),
+    default=None,
+    metavar="STIFFNESS",
+    help="Stiffness [N·m/deg] of a passive foot, which replaces --device; prosthetic feet have 3 to 15.  [default: no "
+    "passive foot]",
+)
+
+
 def mass_option(default: str = "the value in the folder of --reference, or 75") -> Decorator:
     """Return ``--mass`` with a description of its default."""
     return click.option(
@@ -258,6 +268,25 @@ class PushType(click.ParamType[tuple[float, float]]):
             self.fail(
                 f"'{value}' is no push; write the impulse in N·s, @, and the phase in %, such as 10@40", param, ctx
             )
+
+
+PUSHES_OPTION = click.option(
+    "--push",
+    "pushes",
+    type=PushType(),
+    multiple=True,
+    metavar="NS@PCT",
+    help="With --rig walk: push on the hip, as in 'klute-sim walk', in walks of its own; 0@0 is none; may be "
+    "repeated.  [default: no push]",
+)
+WALKERS_OPTION = click.option(
+    "--walker",
+    "walkers",
+    multiple=True,
+    metavar="NAME|FILE",
+    help="With --rig walk: walker, shipped or a file; may be repeated.  [default: all that have adapted to the "
+    "prosthesis with the default state machine]",
+)
 
 
 def jobs_option(

@@ -1,13 +1,12 @@
 """``klute-sim gait``."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import click
 from click.core import ParameterSource
 
-from klute_sim.cli import common
+from klute_sim.cli import common, recorded_run
 
 
 class AngleOrAuto(click.ParamType[float | None]):
@@ -33,14 +32,7 @@ class AngleOrAuto(click.ParamType[float | None]):
     "machine (state machine that uses the sensors of the prosthesis), or a file with a profile (.csv), a state "
     "machine (.toml) or a trained policy (.npz).  [default: profile, or off with --spring-foot]",
 )
-@click.option(
-    "--spring-foot",
-    type=common.NumberWithUnit("N·m/deg"),
-    default=None,
-    metavar="STIFFNESS",
-    help="Stiffness [N·m/deg] of a passive foot, which replaces --device; prosthetic feet have 3 to 15.  [default: no "
-    "passive foot]",
-)
+@common.SPRING_FOOT_OPTION
 @common.subject_options
 @click.option(
     "--align",
@@ -70,16 +62,9 @@ class AngleOrAuto(click.ParamType[float | None]):
 )
 @common.strides_option("Number of strides")
 @common.TIME_STEP_OPTION
-@click.option(
-    "--backend",
-    type=click.Choice(["auto", "compiled", "python"]),
-    default="auto",
-    show_default=True,
-    help="Implementation of the device model: compiled code or plain Python; both give identical numbers. auto: "
-    "compiled code if possible.",
-)
+@recorded_run.backend_option("the device model")
 @common.out_option("gait", "the run")
-@click.option("--csv", "with_csv", is_flag=True, help="Also write recording.csv.")
+@recorded_run.CSV_OPTION
 @common.json_option()
 def command(
     device_name: str,
@@ -118,34 +103,26 @@ def command(
       klute-sim gait --json | python -m json.tool
     """
     from klute_sim.api.gait import simulate_gait
-    from klute_sim.api.rendering import print_summary
-    from klute_sim.cli.console import progress_bar, stderr_console, stdout_console
-    from klute_sim.recording.run_folder import create_run_folder
 
     device_source = click.get_current_context().get_parameter_source("device_name")
     is_device_given = device_source is not ParameterSource.DEFAULT
-    with create_run_folder("gait", out) as (folder, scratch):
-        with progress_bar("simulating") as progress:
-            run = simulate_gait(
-                device_name if is_device_given else None,
-                controller=controller_spec,
-                strides=strides,
-                time_step=1e-3 * step_ms,
-                spring_foot=spring_foot,
-                alignment=alignment,
-                learning_strides=learning_strides,
-                hip_path=hip_path,
-                backend=backend,
-                progress=progress,
-                **subject,
-            )
-        with progress_bar("writing") as progress:
-            summary, notes = run.write_files(scratch, folder, with_csv=with_csv, progress=progress)
-    if as_json:
-        click.echo(json.dumps(summary, indent=2, allow_nan=False))
-    else:
-        console = stdout_console()
-        print_summary(console, run.format_summary())
-        console.print(f"Run folder: {folder}  ({', '.join(summary['files'])})", soft_wrap=True)
-    for sentence in (*run.warnings, *notes):
-        stderr_console().print(sentence, soft_wrap=True)
+    recorded_run.simulate_and_write(
+        "gait",
+        "simulating",
+        lambda progress: simulate_gait(
+            device_name if is_device_given else None,
+            controller=controller_spec,
+            strides=strides,
+            time_step=1e-3 * step_ms,
+            spring_foot=spring_foot,
+            alignment=alignment,
+            learning_strides=learning_strides,
+            hip_path=hip_path,
+            backend=backend,
+            progress=progress,
+            **subject,
+        ),
+        out=out,
+        with_csv=with_csv,
+        as_json=as_json,
+    )

@@ -83,14 +83,7 @@ WALK_STEP_MS = 1.0
     help="With --rig walk: values of a number of the state machine, such as push_off_bar=3.4,4.4 (pressure) or "
     "lean_deg=10,14 (timing of push-off); may be repeated for every combination.",
 )
-@click.option(
-    "--walker",
-    "walkers",
-    multiple=True,
-    metavar="NAME|FILE",
-    help="With --rig walk: walker, shipped or a file; may be repeated.  [default: all that have adapted to the "
-    "prosthesis with the default state machine]",
-)
+@common.WALKERS_OPTION
 @click.option(
     "--uneven",
     callback=_parse_numbers,
@@ -98,15 +91,7 @@ WALK_STEP_MS = 1.0
     metavar="MM,...",
     help="With --rig walk: largest heights of the blocks of 0.5 m on the ground [mm].  [default: 0]",
 )
-@click.option(
-    "--push",
-    "pushes",
-    type=common.PushType(),
-    multiple=True,
-    metavar="NS@PCT",
-    help="With --rig walk: push on the hip, as in 'klute-sim walk', in walks of its own; 0@0 is none; may be "
-    "repeated.  [default: no push]",
-)
+@common.PUSHES_OPTION
 @click.option(
     "--seconds",
     type=common.NumberWithUnit("s"),

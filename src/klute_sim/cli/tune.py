@@ -42,14 +42,7 @@ GAIT_BUDGET, WALK_BUDGET = 600, 150
     help="With --rig walk: number of the state machine to tune, such as push_off_bar; may be repeated.  [default: all "
     "pressures, and lean_deg]",
 )
-@click.option(
-    "--walker",
-    "walkers",
-    multiple=True,
-    metavar="NAME|FILE",
-    help="With --rig walk: walker, shipped or a file; may be repeated.  [default: all that have adapted to the device "
-    "with the default state machine]",
-)
+@common.WALKERS_OPTION
 @click.option(
     "--seconds",
     type=common.NumberWithUnit("s"),
@@ -64,15 +57,7 @@ GAIT_BUDGET, WALK_BUDGET = 600, 150
     metavar="MM",
     help="With --rig walk: largest height of the blocks of 0.5 m on the ground [mm].  [default: 0]",
 )
-@click.option(
-    "--push",
-    "pushes",
-    type=common.PushType(),
-    multiple=True,
-    metavar="NS@PCT",
-    help="With --rig walk: push on the hip, as in 'klute-sim walk', in walks of its own; 0@0 is none; may be "
-    "repeated.  [default: no push]",
-)
+@common.PUSHES_OPTION
 @click.option("--with-device", is_flag=True, help="Also tune orifices, springs, resting length and mounting.")
 @click.option(
     "--also",

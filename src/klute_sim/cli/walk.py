@@ -7,19 +7,29 @@ from typing import Any
 
 import click
 
-from klute_sim.cli import common, completion
+from klute_sim.cli import common, completion, recorded_run
+
+
+def _device_option(what: str) -> common.Decorator:
+    return click.option(
+        "--device",
+        shell_complete=completion.complete_device,
+        default=None,
+        metavar="NAME|FILE",
+        help=f"{what}: name of a preset, or a device file.  [default: klute-1-1-4-pair]",
+    )
+
+
+def _seconds_option(help_text: str) -> common.Decorator:
+    return click.option(
+        "--seconds", type=common.NumberWithUnit("s"), default=20.0, show_default=True, metavar="S", help=help_text
+    )
 
 
 def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of prosthesis and controller; the command receives them under the keywords of the public API."""
     options = (
-        click.option(
-            "--device",
-            shell_complete=completion.complete_device,
-            default=None,
-            metavar="NAME|FILE",
-            help="Device: name of a preset, or a device file.  [default: klute-1-1-4-pair]",
-        ),
+        _device_option("Device"),
         click.option(
             "--controller",
             default=None,
@@ -28,14 +38,7 @@ def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "(pressure over the phase that the load cell tells), off, constant:BAR, or a file (.csv, .toml, .npz).  "
             "[default: machine]",
         ),
-        click.option(
-            "--spring-foot",
-            type=common.NumberWithUnit("N·m/deg"),
-            default=None,
-            metavar="STIFFNESS",
-            help="Stiffness [N·m/deg] of a passive foot, which replaces --device; prosthetic feet have 3 to 15.  "
-            "[default: no passive foot]",
-        ),
+        common.SPRING_FOOT_OPTION,
         click.option("--intact", is_flag=True, help="Walk on two legs of flesh, without a prosthesis."),
         common.FOOT_OPTION,
         click.option(
@@ -62,14 +65,7 @@ def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
     help="Walker: name of a shipped one (klute-sim walk list), or the file of one.  [default: one that has adapted to "
     "this prosthesis and controller, or to the nearest]",
 )
-@click.option(
-    "--seconds",
-    type=common.NumberWithUnit("s"),
-    default=20.0,
-    show_default=True,
-    metavar="S",
-    help="Duration [s]; a fall ends the walk earlier.",
-)
+@_seconds_option("Duration [s]; a fall ends the walk earlier.")
 @click.option(
     "--push",
     type=common.PushType(),
@@ -99,16 +95,9 @@ def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
     metavar="MS",
     help="Time step [ms].",
 )
-@click.option(
-    "--backend",
-    type=click.Choice(["auto", "compiled", "python"]),
-    default="auto",
-    show_default=True,
-    help="Implementation of walker and device: compiled code or plain Python; both give identical numbers. auto: "
-    "compiled code if possible.",
-)
+@recorded_run.backend_option("walker and device")
 @common.out_option("walk", "the walk")
-@click.option("--csv", "with_csv", is_flag=True, help="Also write recording.csv.")
+@recorded_run.CSV_OPTION
 @common.json_option()
 @click.pass_context
 def command(
@@ -143,24 +132,16 @@ def command(
     """
     if context.invoked_subcommand is not None:
         return
-    from klute_sim.api.rendering import print_summary
     from klute_sim.api.walk import simulate_walk
-    from klute_sim.cli.console import progress_bar, stderr_console, stdout_console
-    from klute_sim.recording.run_folder import create_run_folder
 
-    with create_run_folder("walk", out) as (folder, scratch):
-        with progress_bar("walking") as progress:
-            run = simulate_walk(time_step=1e-3 * step_ms, progress=progress, **walk)
-        with progress_bar("writing") as progress:
-            summary, notes = run.write_files(scratch, folder, with_csv=with_csv, progress=progress)
-    if as_json:
-        click.echo(json.dumps(summary, indent=2, allow_nan=False))
-    else:
-        console = stdout_console()
-        print_summary(console, run.format_summary())
-        console.print(f"Run folder: {folder}  ({', '.join(summary['files'])})", soft_wrap=True)
-    for sentence in (*run.warnings, *notes):
-        stderr_console().print(sentence, soft_wrap=True)
+    recorded_run.simulate_and_write(
+        "walk",
+        "walking",
+        lambda progress: simulate_walk(time_step=1e-3 * step_ms, progress=progress, **walk),
+        out=out,
+        with_csv=with_csv,
+        as_json=as_json,
+    )
 
 
 @command.command("list")
@@ -175,13 +156,7 @@ def list_command() -> None:
 @command.command("compare")
 @click.argument("a")
 @click.argument("b")
-@click.option(
-    "--device",
-    shell_complete=completion.complete_device,
-    default=None,
-    metavar="NAME|FILE",
-    help="Device of the controllers: name of a preset, or a device file.  [default: klute-1-1-4-pair]",
-)
+@_device_option("Device of the controllers")
 @common.FOOT_OPTION
 @click.option(
     "--walker",
@@ -193,14 +168,7 @@ def list_command() -> None:
 @click.option(
     "--acute", is_flag=True, help="Let the walkers adapted to A walk under B as well, before they adapt to it."
 )
-@click.option(
-    "--seconds",
-    type=common.NumberWithUnit("s"),
-    default=20.0,
-    show_default=True,
-    metavar="S",
-    help="Duration of each walk [s].",
-)
+@_seconds_option("Duration of each walk [s].")
 @common.json_option()
 def compare_command(a: str, b: str, as_json: bool, **comparison: Any) -> None:
     """Compare two conditions A and B over several walkers.
@@ -216,16 +184,12 @@ def compare_command(a: str, b: str, as_json: bool, **comparison: Any) -> None:
       klute-sim walk compare machine constant:3
       klute-sim walk compare machine my-machine.toml --walker machine-1 --walker mine/adapted.toml
     """
-    from klute_sim.api.rendering import print_summary
     from klute_sim.api.walk_comparison import compare_walks
-    from klute_sim.cli.console import progress_bar, stdout_console
+    from klute_sim.cli.console import progress_bar
 
     with progress_bar("walking") as progress:
         result = compare_walks(a, b, progress=progress, **comparison)
-    if as_json:
-        click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
-    else:
-        print_summary(stdout_console(), result.format_summary())
+    _print_result(result, as_json)
 
 
 @command.command("adapt")
@@ -288,14 +252,22 @@ def adapt_command(jobs: int, out: Path | None, as_json: bool, **adaptation: Any)
       klute-sim walk --spring-foot 6 --walker soft-foot/adapted.toml
     """
     from klute_sim.api.adaptation import adapt_walker
-    from klute_sim.api.rendering import print_summary
     from klute_sim.cli.console import progress_bar, stdout_console
 
     with progress_bar("adapting") as progress:
         result = adapt_walker(folder=out, n_jobs=jobs, progress=progress, **adaptation)
+    _print_result(result, as_json)
+    if not as_json:
+        files = ", ".join(result.summary["files"])
+        stdout_console().print(f"Folder: {result.folder}  ({files})", soft_wrap=True)
+
+
+def _print_result(result: Any, as_json: bool) -> None:
+    """Print ``result`` of the public API, which has a summary, as one JSON object or for people."""
+    from klute_sim.api.rendering import print_summary
+    from klute_sim.cli.console import stdout_console
+
     if as_json:
         click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
-        return
-    console = stdout_console()
-    print_summary(console, result.format_summary())
-    console.print(f"Folder: {result.folder}  ({', '.join(result.summary['files'])})", soft_wrap=True)
+    else:
+        print_summary(stdout_console(), result.format_summary())
