@@ -31,7 +31,7 @@ print(".".join(map(str, sys.version_info[:3])), *(f"{n} {of.version(n)}" for n i
 ENVIRONMENT_SCRIPT = """
 import gymnasium, klute_sim
 from gymnasium.utils.env_checker import check_env
-for name in ("AnkleGait-v2", "AnkleBench-v0"):
+for name in ("AnkleGait-v2", "AnkleWalk-v0", "AnkleBench-v0"):
     check_env(gymnasium.make(f"klute_sim/{name}").unwrapped, skip_render_check=True)
 """
 COMMAND_CHECKS = (

@@ -96,7 +96,7 @@ def test_profile_follows_the_estimated_phase() -> None:
 
 
 def test_a_fall_ends_the_episode_and_costs_ten() -> None:
-    env = AnkleWalkEnv()
+    env = AnkleWalkEnv(walkers=["machine-1"])
     observations, infos = run_episode(env, action=1.0)
     assert infos["terminated"][-1]
     assert not infos["terminated"][:-1].any()
@@ -192,7 +192,8 @@ def test_walkers_are_those_that_have_adapted_to_the_device_with_the_machine() ->
         assert walker.condition["prosthesis"] == "device"
         assert '"kind": "machine"' in walker.condition["controller"]
     indices = {env.reset(seed=seed)[1]["walker_index"] for seed in range(40)}
-    assert indices == set(range(len(env._task.walkers)))
+    assert 1 < len(indices) <= len(env._task.walkers)
+    assert max(indices) < len(env._task.walkers)
 
 
 def test_batch_on_uneven_ground_equals_single_environments() -> None:
@@ -233,11 +234,11 @@ def test_noise_and_delay_reach_the_observations() -> None:
 
 
 def test_base_controller_sees_late_sensors() -> None:
-    commands = [
-        run_episode(AnkleWalkEnv(action="residual", sensor_delay=delay, duration=1.0))[1]["pressure_command_bar"]
-        for delay in (0, 2)
-    ]
-    changes = [np.flatnonzero(np.abs(np.diff(command)) > 0.5)[0] for command in commands]
+    changes = []
+    for delay in (0, 2):
+        env = AnkleWalkEnv(action="residual", walkers=["machine-1"], sensor_delay=delay, duration=1.0)
+        command = run_episode(env)[1]["pressure_command_bar"]
+        changes.append(np.flatnonzero(np.abs(np.diff(command)) > 0.5)[0])
     assert changes[1] - changes[0] in (2, 3)
 
 
@@ -245,7 +246,7 @@ def test_a_spring_foot_ignores_actions() -> None:
     env = AnkleWalkEnv(spring_foot=8.0, duration=2.0)
     runs = [run_episode(env, action)[0] for action in (-1.0, 1.0)]
     np.testing.assert_array_equal(*runs)
-    assert [walker.name for walker in env._task.walkers] == ["spring-foot-1"]
+    assert {walker.condition["prosthesis"] for walker in env._task.walkers} == {"spring-foot"}
 
 
 def test_a_controller_of_a_user_keeps_its_state() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 import klute_sim as ks
 from klute_sim.api.sweep import build_machines
+from klute_sim.controllers.pressure import create_off_controller
 from klute_sim.controllers.state_machine import StateMachine, load_default_state_machine
 from klute_sim.device.device import load_device
 from klute_sim.errors import InputError
@@ -52,8 +53,8 @@ def test_metrics_are_those_of_a_single_walk() -> None:
 
 
 def test_a_fall_is_an_outcome_and_not_a_failure() -> None:
-    machine = replace(load_default_state_machine(), push_off_bar=1.0)
-    (case,) = make_plan(controllers={"weak": machine}, walkers=[load_walker("machine-1")], seconds=20.0).iter_cases()
+    off = create_off_controller()
+    (case,) = make_plan(controllers={"off": off}, walkers=[load_walker("machine-1")], seconds=20.0).iter_cases()
     result = evaluate_case(case)
     assert result.failure is None
     assert (result.metrics["fell"], result.metrics["acute"]) == (True, True)
