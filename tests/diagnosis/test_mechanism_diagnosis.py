@@ -383,3 +383,19 @@ def test_proposed_experiment_separates_rivals_on_a_joint(tmp_path: Path, monkeyp
     assert told["rig_change"] is None or "second sensor of the position" in told["rig_change"]
     other = replace(dataset, mechanism=None)
     assert propose_joint_experiment(data, other, moved, leaning) is None
+
+
+def test_simpler_form_of_an_effect_stays_on_its_joint(tmp_path: Path) -> None:
+    dataset = load_dataset(joint.write_dataset(tmp_path, **SHORT))
+    experiments = prepare_experiments(dataset, split_dataset(dataset))
+    simulator = Simulator(2)
+    nominal = Hypothesis(dataset.device, (), (("angle_joint", np.radians(0.05)),))
+    (residuals,) = WeightedData(simulator, experiments, {}).compute_residuals(nominal, [np.zeros(0)])
+    data = WeightedData(simulator, experiments, estimate_noise_from_residuals(experiments, residuals))
+    rubbing = EffectTerm("joint_friction", "presliding", part="joint")
+    terms = [rubbing._replace(form=form) for form in ("coulomb", "stribeck", "presliding")]
+    search = ForwardSelection(data, [], terms, has_repeats=False)
+    both = nominal.with_term(rubbing).with_term(EffectTerm("sensor_offset", "linear", "angle_joint"))
+    simplified = search.simplify(fit_hypothesis(data, both, max_nfev=2), fit_hypothesis(data, nominal))
+    assert simplified.hypothesis.terms[0] == rubbing._replace(form="coulomb")  # nothing rubs, so less is as good
+    simulator.close()

@@ -339,7 +339,9 @@ class ForwardSelection:
             for form in term.effect_definition.forms:
                 if len(form.parameters) >= len(term.parameters):
                     continue
-                simpler = EffectTerm(term.effect, form.name, term.channel)
+                simpler = term._replace(form=form.name, parameter_keys=())
+                if term.part and simpler not in self.candidate_terms:  # a number of the model is the same
+                    continue
                 self.report_stage(f"trying {simpler} in place of {term}")
                 simplified = refit_with_replacement(self.data, current, term, simpler)
                 if self._bic(simplified) <= self._bic(current):

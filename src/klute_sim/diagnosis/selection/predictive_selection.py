@@ -154,7 +154,7 @@ class PredictiveSelection:
         for term in find_terms_at_bound(fit):
             forms = sorted(term.effect_definition.forms, key=lambda form: len(form.parameters))
             if term.number is None and len(forms[0].parameters) < len(term.parameters):
-                simpler = EffectTerm(term.effect, forms[0].name, term.channel)
+                simpler = term._replace(form=forms[0].name, parameter_keys=())
                 simplified = refit_with_replacement(self.data, simplified, term, simpler)
         return None if simplified is fit else simplified
 
