@@ -52,7 +52,7 @@ def test_walks_are_tuned_and_options_of_the_other_rig_are_refused(tmp_path: Path
     done = run("tune", *arguments, "--budget", "2", "--jobs", "1", "--out", "t", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     output = json.loads(done.stdout)
-    assert output["files"] == ["evaluations.csv", "tuned.toml", "tuning.json", "tuning.png"]
+    assert output["files"] == ["tuned.toml", "tuning.json", "tuning.png", "walk_evaluations.csv"]
     assert list(output["design_variables"]) == ["push_off_bar"]
     for arguments, message in (
         (("--rig", "walk", "--goal-human"), "--goal-human belongs to --rig gait; leave it out with --rig walk"),

@@ -27,6 +27,7 @@ from klute_sim.tuning.walk_objective import (
     summarize_walks,
 )
 from klute_sim.tuning.walk_problem import WalkTuningProblem
+from klute_sim.viewer.layouts import walk_tuning as layout
 from klute_sim.walker.reflexes.walker_file import load_walker
 
 pytest.importorskip("cma")
@@ -124,11 +125,14 @@ def test_tuning_writes_a_machine_that_walks(tmp_path: Path) -> None:
     result = ks.tune_walk(budget=6, n_jobs=1, folder=tmp_path / "t", **options)
     assert result.best.cost <= result.initial.cost
     assert load_state_machine(result.save() / "tuned.toml") == result.machine
-    files = {"evaluations.csv", "tuned.toml", "tuning.json", "tuning.png"}
+    files = {"walk_evaluations.csv", "tuned.toml", "tuning.json", "tuning.png"}
     assert files <= {file.name for file in result.folder.iterdir()}
     content = json.loads((result.folder / "tuning.json").read_text())
     assert content["design_variables"]["push_off_bar"]["before"] == 4.4
     assert content["metrics"]["before"]["n_falls"] == 0
+    layout.rebuild_recording(result.folder, tmp_path / "view.rrd")
+    page = layout.format_page(content)
+    assert "| push_off_bar | 4.4 |" in page
     text = str(result)
     for phrase in ("push_off_bar", "0 of 1", "The objective fell by", "Predicted and acute"):
         assert phrase in text

@@ -174,10 +174,11 @@ class WalkTuningResult:
     def write_files(self, folder: Path) -> dict[str, Any]:
         """Write all files into ``folder`` and return the content of tuning.json."""
         from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.viewer.layouts.walk_tuning import EVALUATION_COLUMNS, EVALUATIONS_FILE
 
         numbers = {name: value for name, value in self.machine.describe().items() if name != "kind"}
         rows = [f"{k},{e.generation},{e.cost!r},{e.metrics.n_falls if e.metrics else ''}" for k, e in self._number()]
-        files = ["evaluations.csv", "tuned.toml", "tuning.json", "tuning.png"]
+        files = [EVALUATIONS_FILE, "tuned.toml", "tuning.json", "tuning.png"]
         with ResultStore(folder).translate_write_errors():
             folder.mkdir(parents=True, exist_ok=True)
             if self.problem.space.device_keys:
@@ -186,7 +187,7 @@ class WalkTuningResult:
             with replace_atomically(folder / "tuning.png") as temporary:
                 self.plot().savefig(temporary, dpi=COMPACT_DPI)
             write_atomically(folder / "tuned.toml", format_toml(numbers))
-            write_atomically(folder / "evaluations.csv", "\n".join(["evaluation,generation,cost,falls", *rows]) + "\n")
+            write_atomically(folder / EVALUATIONS_FILE, "\n".join([",".join(EVALUATION_COLUMNS), *rows]) + "\n")
             content = {"folder": str(folder), "files": sorted(files), **self.summary}
             write_atomically(folder / "tuning.json", json.dumps(content, indent=2, allow_nan=False) + "\n")
         return content

@@ -40,6 +40,14 @@ FOLDER_KINDS = (
     FolderKind("comparison", "comparison.json", "comparison.rrd", ""),
     FolderKind("diagnosis", "verdict.json", "recording.rrd", ""),
     FolderKind("sweep", "sweep.parquet", "sweep.rrd", "sweep", ("sweep.parquet",), "sweep.json"),
+    FolderKind(
+        "tuning",
+        "walk_evaluations.csv",
+        "tuning.rrd",
+        "walk_tuning",
+        ("tuning.json", "walk_evaluations.csv"),
+        "tune-walk.json",
+    ),
     FolderKind("tuning", "evaluations.csv", "tuning.rrd", "tuning", ("tuning.json", "evaluations.csv"), "tune.json"),
     FolderKind(
         "training",
