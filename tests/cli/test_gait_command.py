@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -60,6 +61,19 @@ def test_recording_reproduces_the_metrics_of_the_summary(default_run: tuple[Path
     assert recording.provenance["device"]["sha256"] == load_device("klute-1-1-4-pair").digest
 
 
+@pytest.mark.slow
+def test_strides_are_printed_on_demand(tmp_path: Path) -> None:
+    done = run("gait", "--strides", "2", "--step", "1", "--per-stride", "--out", "r", cwd=tmp_path, COLUMNS="80")
+    summary, strides = done.stdout.split("stride by stride")
+    heading, *rows = [line.split() for line in strides.splitlines() if line.strip()]
+    assert heading == ["unit", "1", "2", "±", "sd"]
+    assert max(map(len, strides.split("Run folder")[0].splitlines())) <= 80
+    (toe_off,) = [row for row in rows if row[:1] == ["toe-off"]]
+    stored = json.loads((tmp_path / "r" / "summary.json").read_text("utf-8"))["per_stride"]
+    assert toe_off[3:5] == [f"{stride['toe_off_pct']:.1f}" for stride in stored]
+    assert "stride by stride" not in summary
+
+
 @pytest.mark.long
 def test_same_command_writes_the_same_parquet_bits(tmp_path: Path) -> None:
     files = []
@@ -73,12 +87,15 @@ def test_table_states_what_is_tracked_and_the_csv_reads_back(tmp_path: Path) -> 
     done = run("gait", "--strides", "1", "--out", "r", "--csv", cwd=tmp_path, COLUMNS="80")
     assert done.returncode == 0
     assert done.stdout.startswith("klute-1-1-4-pair: ankle power peaks at ")
+    assert re.search(
+        r"In stance, angle, moment and power are \d\.\d, \d\.\d and \d\.\d standard deviations from people", done.stdout
+    )
     table = done.stdout.split("Subject:")[0].splitlines()[1:]
     assert max(map(len, table)) <= 80
     assert "Reference gait: able-bodied adults (Winter" in done.stdout
     assert "tracked, not predicted" in done.stdout
     assert "peak net moment" in done.stdout
-    assert "human" in done.stdout
+    assert table[2].split() == ["unit", "human", "prosthesis", "difference"]
     recording = parquet.load_recording(tmp_path / "r" / "recording.parquet")
     lines = (tmp_path / "r" / "recording.csv").read_text().splitlines()
     assert lines[0].split(",")[0] == "time [s]"

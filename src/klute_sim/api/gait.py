@@ -92,6 +92,12 @@ class GaitRun(RecordedRun):
         yield build_table(self.recording, self.gait_metrics)
         yield from collect_remarks(self.summary)
 
+    def format_strides(self) -> Summary:
+        """Yield the table of the last strides beside each other, with their standard deviation."""
+        from klute_sim.report.gait.table import build_stride_table
+
+        yield build_stride_table(self.recording, self.gait_metrics)
+
     def __repr__(self) -> str:
         """Return one line: device, number of strides, and speed."""
         options = self.recording.provenance["options"]

@@ -65,6 +65,7 @@ class AngleOrAuto(click.ParamType[float | None]):
 @recorded_run.backend_option("the device model")
 @common.out_option("gait", "the run")
 @recorded_run.CSV_OPTION
+@click.option("--per-stride", is_flag=True, help="Also print the last five strides beside each other.")
 @common.json_option()
 def command(
     device_name: str,
@@ -78,6 +79,7 @@ def command(
     backend: str,
     out: Path | None,
     with_csv: bool,
+    per_stride: bool,
     as_json: bool,
     **subject: Any,
 ) -> None:
@@ -94,7 +96,7 @@ def command(
     \b
     Examples:
       klute-sim gait
-      klute-sim gait --controller off --strides 3
+      klute-sim gait --controller off --strides 3 --per-stride
       klute-sim gait --slope -5 --speed 1.0 --controller machine
       klute-sim gait --spring-foot 6
       klute-sim gait --foot dynamic-response-medium+shoe
@@ -125,4 +127,5 @@ def command(
         out=out,
         with_csv=with_csv,
         as_json=as_json,
+        format_details=(lambda run: run.format_strides()) if per_stride else None,
     )

@@ -9,6 +9,7 @@ import click
 
 if TYPE_CHECKING:
     from klute_sim.api.recorded_run import RecordedRun
+    from klute_sim.api.rendering import Summary
     from klute_sim.types import ProgressCallback
 
 CSV_OPTION = click.option("--csv", "with_csv", is_flag=True, help="Also write recording.csv.")
@@ -35,10 +36,12 @@ def simulate_and_write(
     out: Path | None,
     with_csv: bool,
     as_json: bool,
+    format_details: "Callable[[Any], Summary] | None" = None,
 ) -> None:
     """Simulate a run, write its folder (None: the next ``runs/KIND-NNN``) and print its summary.
 
-    ``simulate`` receives the callback of the progress bar, which begins with ``stage``.
+    ``simulate`` receives the callback of the progress bar, which begins with ``stage``; ``format_details`` of the run
+    are printed after its summary.
     """
     from klute_sim.api.rendering import print_summary
     from klute_sim.cli.console import progress_bar, stderr_console, stdout_console
@@ -54,6 +57,8 @@ def simulate_and_write(
     else:
         console = stdout_console()
         print_summary(console, run.format_summary())
+        if format_details is not None:
+            print_summary(console, format_details(run))
         console.print(f"Run folder: {folder}  ({', '.join(summary['files'])})", soft_wrap=True)
     for sentence in (*run.warnings, *notes):
         stderr_console().print(sentence, soft_wrap=True)

@@ -5,11 +5,15 @@ from typing import Any
 from klute_sim.gait.metrics import AnkleMetrics
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 
+DISTANCES = ("angle", "moment", "power")
+"""Curves of the ankle whose distance to people is known."""
+
 
 def format_headline(summary: dict[str, Any], human: AnkleMetrics) -> str:
     """Return peak power, net work and peak moment of ``summary`` beside those of ``human``, in one sentence.
 
-    A second sentence says so if the run was not a gait.
+    A second one gives the distances to people in stance, where their standard deviations are known; a third says so if
+    the run was not a gait.
     """
     power, moment = summary["ankle_power_peak_w_per_kg"], summary["ankle_moment_peak_nm_per_kg"]
     reference = "the reference" if not summary["slope_deg"] else "the reference on level ground"
@@ -19,6 +23,13 @@ def format_headline(summary: dict[str, Any], human: AnkleMetrics) -> str:
         f"{summary['ankle_work_net_j_per_kg']:+.3f} J/kg ({human.ankle_work_net_j_per_kg:+.3f}), and the ankle moment "
         f"peaks at {moment:.2f} N·m/kg ({_format_ratio(moment, human.ankle_moment_peak_nm_per_kg)})."
     )
+    distances = [summary["distance_to_reference"][f"{name}_distance_sd"]["stance_rms"] for name in DISTANCES]
+    if None not in distances:
+        angle, moment_distance, power_distance = (f"{distance:.1f}" for distance in distances)
+        headline += (
+            f" In stance, angle, moment and power are {angle}, {moment_distance} and {power_distance} standard "
+            "deviations from people (rms)."
+        )
     if summary["touches_in_swing"]:
         return f"{headline} Caution: the foot trips in swing."
     if summary["grf_vertical_tracking_rms_bw"] > MAX_GRF_TRACKING_RMS_BW:

@@ -1,8 +1,9 @@
 """Results table of a gait run and remarks on it, for a terminal."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
+import numpy as np
 from rich import box
 from rich.table import Table
 from rich.text import Text
@@ -19,6 +20,8 @@ from klute_sim.gait.metrics import (
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.recording.recording import Recording
 
+Row: TypeAlias = tuple[str, str, str, Callable[[StrideMetrics], float | None]]
+"""Label, unit, number format, and metric of a stride."""
 MIN_LABEL_WIDTH_CHARS = 15
 """Width [characters] of the longest word of a label."""
 ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleMetrics], float | None]], ...] = (
@@ -63,6 +66,10 @@ DEVICE_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]]
 )
 """Rows for metrics that a spring foot does not have: label, unit, number format, metric of a stride."""
 
+PEAK_CHANNELS = {"peak net moment": "ankle_moment", "peak net power (15 ms mean)": "ankle_power"}
+"""Row -> channel whose human standard deviation, at the peak of the human mean, is the unit of its difference."""
+MAX_STRIDE_COLUMNS = 5
+"""Largest number of strides beside each other; more do not fit into 80 columns."""
 MAX_USUAL_ALIGNMENT_DEG = 5.0
 """Largest alignment [deg] without a remark."""
 MIN_LEDGER_ENERGY_J = 0.005
@@ -81,41 +88,89 @@ LEDGER_LABELS = {
 
 
 def build_table(recording: Recording, metrics: GaitMetrics) -> Table:
-    """Build the table of human reference, mean and standard deviation over the steady strides, one row per metric."""
+    """Build the table of human reference, mean over the steady strides, and difference, one row per metric.
+
+    Where the standard deviation of people is known, the difference is in its unit; that of a phase is in % of the
+    cycle, and others are in % of the human value.
+    """
     human = compute_reference_metrics(recording)
-    table = Table(
-        title=Text(_format_title(recording, metrics)), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True
-    )
-    table.add_column("", min_width=MIN_LABEL_WIDTH_CHARS)  # in a narrow terminal, labels wrap and numbers do not
-    table.add_column("unit", style="dim", no_wrap=True)
+    human_deviations = _compute_peak_deviations(recording)
+    table = _create_table(_format_title(recording, metrics))
     table.add_column("human" if is_level_ground(recording) else "human,\nlevel", justify="right", no_wrap=True)
     table.add_column("prosthesis", justify="right", style="bold", no_wrap=True)
-    table.add_column("± sd", justify="right", no_wrap=True)
-
-    def add_row(
-        label: str, unit: str, format_spec: str, metric: Callable[[StrideMetrics], float | None], human: float | None
-    ) -> None:
-        deviation = metrics.standard_deviation(metric)
+    table.add_column("difference", justify="right", no_wrap=True)
+    for label, unit, format_spec, ankle_metric in ANKLE_ROWS:
+        expected, value = ankle_metric(human), metrics.mean(ankle_metric)
         table.add_row(
             label,
             unit,
-            _format_cell(human, format_spec),
-            _format_cell(metrics.mean(metric), format_spec),
-            _format_cell(deviation, format_spec.removeprefix("+")),
+            _format_cell(expected, format_spec),
+            _format_cell(value, format_spec),
+            _format_difference(value, expected, unit, human_deviations.get(label)),
         )
-
-    for label, unit, format_spec, ankle_metric in ANKLE_ROWS:
-        add_row(label, unit, format_spec, ankle_metric, ankle_metric(human))
     table.add_section()
-    for label, unit, format_spec, metric in RIG_ROWS:
-        add_row(label, unit, format_spec, metric, None)
-    if not is_spring_foot(recording):
-        for label, unit, format_spec, metric in DEVICE_ROWS:
-            add_row(label, unit, format_spec, metric, None)
+    for section in _list_sections_without_reference(recording, metrics):
+        for label, unit, format_spec, metric in section:
+            table.add_row(label, unit, "-", _format_cell(metrics.mean(metric), format_spec), "")
         table.add_section()
-        for line, label in _build_ledger_rows(metrics).items():
-            add_row(label, "J", "+.2f", lambda stride, line=line: stride.ledger_j[line], None)  # type: ignore[misc]
     return table
+
+
+def build_stride_table(recording: Recording, metrics: GaitMetrics) -> Table:
+    """Build the table of the last strides beside each other, and their standard deviation, one row per metric."""
+    shown = metrics.strides[-MAX_STRIDE_COLUMNS:]
+    first = len(metrics.strides) - len(shown) + 1
+    table = _create_table(f"{recording.provenance['device']['name']}, stride by stride")
+    for number in range(first, len(metrics.strides) + 1):
+        table.add_column(str(number), justify="right", no_wrap=True)
+    table.add_column("± sd", justify="right", style="dim", no_wrap=True)
+    for section in (ANKLE_ROWS, *_list_sections_without_reference(recording, metrics)):
+        for label, unit, format_spec, metric in section:
+            deviation = metrics.standard_deviation(metric)
+            cells = [_format_cell(metric(stride), format_spec) for stride in shown]
+            table.add_row(label, unit, *cells, _format_cell(deviation, format_spec.removeprefix("+")))
+        table.add_section()
+    return table
+
+
+def _create_table(title: str) -> Table:
+    table = Table(title=Text(title), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table.add_column("", min_width=MIN_LABEL_WIDTH_CHARS)  # in a narrow terminal, labels wrap and numbers do not
+    table.add_column("unit", style="dim", no_wrap=True)
+    return table
+
+
+def _list_sections_without_reference(recording: Recording, metrics: GaitMetrics) -> list[Sequence[Row]]:
+    if is_spring_foot(recording):
+        return [RIG_ROWS]
+    ledger: list[Row] = [
+        (label, "J", "+.2f", lambda stride, line=line: stride.ledger_j[line])  # type: ignore[misc]
+        for line, label in _build_ledger_rows(metrics).items()
+    ]
+    return [(*RIG_ROWS, *DEVICE_ROWS), ledger]
+
+
+def _compute_peak_deviations(recording: Recording) -> dict[str, float]:
+    """Return row -> standard deviation of people at the peak of the human mean, per kg; none on slopes or without it.
+
+    The spread of the peak itself is not known; that of the curve at the peak stands for it (assumed).
+    """
+    mass, deviations = recording.provenance["options"]["mass_kg"], {}
+    for label, channel in PEAK_CHANNELS.items():
+        if is_level_ground(recording) and f"reference_{channel}_sd" in recording:
+            peak = int(np.argmax(recording[f"reference_{channel}"]))
+            deviations[label] = float(recording[f"reference_{channel}_sd"][peak]) / mass
+    return deviations
+
+
+def _format_difference(value: float | None, human: float | None, unit: str, deviation: float | None) -> str:
+    if value is None or human is None:
+        return ""
+    if deviation:
+        return f"{(value - human) / deviation:+.1f} sd"
+    if unit == "% cycle":
+        return f"{value - human:+.1f}"
+    return f"{round(100.0 * (value - human) / abs(human)):+d} %" if human else ""
 
 
 def _format_title(recording: Recording, metrics: GaitMetrics) -> str:
