@@ -1,8 +1,8 @@
-"""Draw the animations of the first screen: a predicted walk with its curves, and a diagnosis.
+"""Draw the first screen, a predicted walk with its curves and a diagnosis, and a picture of the environments.
 
     python scripts/first_screen.py docs/pictures
 
-Requires the extra 'rendering'. Both loop; a test compares the digest of the drawing code, which they contain.
+Requires the extra 'rendering'. A test compares the digest of the drawing code, which all of them contain.
 """
 
 import argparse
@@ -28,6 +28,10 @@ from klute_sim import rendering
 from klute_sim.api.diagnosis import diagnose, load_example_dataset
 from klute_sim.constants import GRAVITY
 from klute_sim.device.device import DEFAULT_DEVICE, load_device
+from klute_sim.envs.ankle_bench import AnkleBenchEnv
+from klute_sim.envs.ankle_gait import AnkleGaitEnv
+from klute_sim.envs.ankle_walk import AnkleWalkEnv
+from klute_sim.envs.antagonist_joint import AntagonistJointEnv
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.gait.reference import load_default_reference
 from klute_sim.plant.actuator import DeviceActuator
@@ -41,8 +45,10 @@ from klute_sim.report.style import HUMAN_COLOUR, PROSTHESIS_COLOUR, STYLE
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
-WALK, DIAGNOSIS = "first-walk.webp", "first-diagnosis.webp"
-"""Files of the animations."""
+WALK, DIAGNOSIS, ENVIRONMENTS = "first-walk.webp", "first-diagnosis.webp", "environments.webp"
+"""Files of the animations, and of the picture."""
+ENVIRONMENT_SIZE = 300
+"""Width and height of the picture of one environment [pixels]."""
 WARM_UP_STEPS, STRIKE_LOAD = 500, 50.0
 """Steps of 10 ms before the drawn stride, and vertical load of a foot strike [N]."""
 STEPS_PER_FRAME, SLOW_DOWN = 2, 2.0
@@ -277,12 +283,34 @@ def draw_diagnosis(path: Path) -> None:
         save_animation(path, list(draw_loop_frames(loop)), DIAGNOSIS_RATE)
 
 
+def draw_environments(path: Path) -> None:
+    """Write a picture of all environments side by side, with pressure in their muscles."""
+    look = {"render_mode": "rgb_array", "width": ENVIRONMENT_SIZE, "height": ENVIRONMENT_SIZE}
+    scenes: tuple[tuple[Any, dict[str, Any], int, list[float]], ...] = (
+        (AnkleGaitEnv, {"camera": "corner", "action": "residual", "strides": 1}, 55, [0.0]),
+        (AnkleWalkEnv, {"camera": "corner", "action": "residual", "duration": 3.0}, 190, [0.0]),
+        (AnkleBenchEnv, {"task": "work"}, 40, [0.5]),
+        (AntagonistJointEnv, {}, 60, [0.9, -0.4]),
+    )
+    pictures = []
+    for create, options, steps, action in scenes:
+        env = create(**options, **look)
+        env.reset(seed=0)
+        for _ in range(steps):
+            env.step(np.array(action, dtype=np.float32))
+        pictures.append(env.render())
+        env.close()
+    xmp = compute_digest().encode()
+    Image.fromarray(np.concatenate(pictures, axis=1)).save(path, None, quality=QUALITY, method=6, xmp=xmp)
+
+
 def main() -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="where the animations go")
     folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
+    draw_environments(folder / ENVIRONMENTS)
     draw_walk(folder / WALK)
     draw_diagnosis(folder / DIAGNOSIS)
     return 0

@@ -87,6 +87,21 @@ def test_first_screen_begins_with_current_animations(name: str) -> None:
         assert re.search(rf"!\[[^\]]{{40,}}\]\({folder}/{name}\)", beginning), "it needs a description"
 
 
+def test_picture_of_the_environments_is_current() -> None:
+    first_screen = load_script("first_screen")
+    path = ROOT / "docs" / "pictures" / first_screen.ENVIRONMENTS
+    assert first_screen.read_digest(path) == first_screen.compute_digest(), (
+        "run `python scripts/first_screen.py docs/pictures`"
+    )
+    assert f"](pictures/{path.name})" in (ROOT / "docs" / "environment.md").read_text("utf-8")
+
+
+def test_every_picture_has_a_description() -> None:
+    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
+        for text in re.findall(r"!\[([^\]]*)\]\(", page.read_text("utf-8")):
+            assert len(text) > 10, f"{page.name}: '{text}'"
+
+
 def test_pictures_are_small_in_total() -> None:
     sizes = [path.stat().st_size for path in (ROOT / "docs").rglob("*") if path.suffix in (".png", ".webp", ".gif")]
     assert sum(sizes) < 15_000_000
