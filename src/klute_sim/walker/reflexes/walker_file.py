@@ -107,9 +107,15 @@ def describe_condition(
 
 
 def list_walkers() -> list[str]:
-    """Return the names of the shipped walkers."""
+    """Return the names of the shipped walkers: the condition and the rank by cost, as in machine-1."""
     folder = resources.files(_LIBRARY) / "walkers"
-    return sorted(Path(file.name).stem for file in folder.iterdir() if file.name.endswith(".toml"))
+    names = [Path(file.name).stem for file in folder.iterdir() if file.name.endswith(".toml")]
+
+    def get_rank(name: str) -> tuple[str, int]:
+        condition, _, number = name.rpartition("-")
+        return condition, int(number)
+
+    return sorted(names, key=get_rank)
 
 
 def load_walker(name_or_path: str | Path) -> Walker:
@@ -133,8 +139,8 @@ def load_walker(name_or_path: str | Path) -> Walker:
 def select_walkers(condition: Mapping[str, Any]) -> list[Walker]:
     """Return the shipped walkers that have adapted to ``condition``, or those that are nearest to it.
 
-    A walker with the same kind of prosthesis and controller is nearer than one with the same kind of prosthesis, and
-    that one is nearer than any other. An intact one never replaces an amputee.
+    A walker with the same kind of prosthesis is nearer than any other, then one with the same controller, then one with
+    the same kind of controller. An intact one never replaces an amputee.
 
     Raises InputError when no walker has legs of this kind.
     """
@@ -147,11 +153,19 @@ def select_walkers(condition: Mapping[str, Any]) -> list[Walker]:
         if dict(walker.condition) == dict(condition):
             return 0
         if walker.condition.get("prosthesis") != condition["prosthesis"]:
-            return 3
-        return 1 if walker.condition.get("controller") == condition.get("controller") else 2
+            return 4
+        if walker.condition.get("controller") == condition.get("controller"):
+            return 1
+        return 2 if _get_controller_kind(walker.condition) == _get_controller_kind(condition) else 3
 
     distances = [measure_distance(walker) for walker in usable]
     return [walker for walker, distance in zip(usable, distances, strict=True) if distance == min(distances)]
+
+
+def _get_controller_kind(condition: Mapping[str, Any]) -> str | None:
+    """Return the kind of the controller of ``condition``, such as machine; None without a controller."""
+    kind: str | None = json.loads(condition.get("controller", "{}")).get("kind")
+    return kind
 
 
 def select_walker(condition: Mapping[str, Any]) -> Walker:
