@@ -272,7 +272,7 @@ def test_backends_walk_alike_to_the_bit() -> None:
         ({"residual_bar": 0.0}, "residual_bar is 0"),
         ({"walkers": []}, "walkers is empty"),
         ({"walkers": "machine-1"}, "walkers is empty or one name"),
-        ({"walkers": ["machine-9"]}, "there is no walker 'machine-9'"),
+        ({"walkers": ["machine-99"]}, "there is no walker 'machine-99'"),
         ({"walkers": ["intact-1"]}, "walker intact-1 walks with two legs of flesh"),
         ({"gain_noise": -0.1}, "gain_noise is -0.1; allowed: 0 to 0.2"),
         ({"unevenness": 0.2}, "unevenness is 0.2; allowed: 0 to 0.05 m"),
