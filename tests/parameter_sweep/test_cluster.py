@@ -68,6 +68,17 @@ def test_cluster_gives_the_same_table_as_local_processes(tmp_path: Path) -> None
 
 
 @pytest.mark.extras
+def test_cluster_adapts_a_walker_as_threads_do(tmp_path: Path) -> None:
+    pytest.importorskip("ray")
+    pytest.importorskip("cma")
+    arguments = ("walk", "adapt", "--intact", "--evaluations", "16", "--sigma", "0.01")
+    done = [run(*arguments, *more, cwd=tmp_path) for more in (["--out", "a"], ["--out", "b", "--ray", "local"])]
+    assert [d.returncode for d in done] == [0, 0], done[0].stderr + done[1].stderr
+    assert (tmp_path / "a" / "costs.csv").read_bytes() == (tmp_path / "b" / "costs.csv").read_bytes()
+
+
+@pytest.mark.extras
+@pytest.mark.parametrize("command", [("sweep",), ("walk", "adapt")])
 @pytest.mark.parametrize(
     ("address", "message"),
     [
@@ -75,9 +86,11 @@ def test_cluster_gives_the_same_table_as_local_processes(tmp_path: Path) -> None
         ("here", "an address is HOST:PORT"),
     ],
 )
-def test_unreachable_address_is_refused_in_one_sentence(address: str, message: str, tmp_path: Path) -> None:
+def test_unreachable_address_is_refused_in_one_sentence(
+    address: str, message: str, command: tuple[str, ...], tmp_path: Path
+) -> None:
     pytest.importorskip("ray")
-    done = run("sweep", "--ray", address, cwd=tmp_path)
+    done = run(*command, "--ray", address, cwd=tmp_path)
     assert done.returncode == 2
     assert message in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
@@ -88,6 +101,6 @@ def test_missing_ray_is_named_as_optional_extra(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setitem(sys.modules, "ray", None)
     done = run("sweep", "--ray", "local", cwd=tmp_path)
     assert done.returncode == 2
-    assert "a sweep on a cluster needs the optional extra 'ray': pip install '.[ray]'" in done.stderr
+    assert "a run on a cluster needs the optional extra 'ray': pip install '.[ray]'" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert list(tmp_path.iterdir()) == []

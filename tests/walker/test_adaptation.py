@@ -8,7 +8,7 @@ import pytest
 from klute_sim.errors import InputError
 from klute_sim.plant import callbacks
 from klute_sim.walker.adaptation.objective import AdaptationProblem, evaluate
-from klute_sim.walker.adaptation.search import SearchProgress, search
+from klute_sim.walker.adaptation.search import SearchProgress, evaluate_in_threads, search
 from klute_sim.walker.person.body import load_body
 from klute_sim.walker.reflexes.gain_table import GAINS, INITIAL_STATE
 from klute_sim.walker.reflexes.walker_file import load_walker
@@ -62,13 +62,21 @@ def test_search_resumes_exactly_from_stored_costs() -> None:
     def store(state: SearchProgress, costs: list[float]) -> None:
         stored.extend(costs)
 
-    whole = search(problem, START, 8, sigma=0.05, population=4, on_generation=store)
+    with evaluate_in_threads(problem) as evaluate_points:
+        whole = search(problem, START, 8, evaluate_points, sigma=0.05, population=4, on_generation=store)
     assert len(stored) == whole.n_evaluations == 8
     resumed: list[float] = []
-    again = search(
-        problem, START, 8, sigma=0.05, population=4, stored_costs=stored[:7], n_jobs=2,
-        on_generation=lambda state, costs: resumed.extend(costs),
-    )  # fmt: skip
+    with evaluate_in_threads(problem, 2) as evaluate_points:
+        again = search(
+            problem,
+            START,
+            8,
+            evaluate_points,
+            sigma=0.05,
+            population=4,
+            stored_costs=stored[:7],
+            on_generation=lambda state, costs: resumed.extend(costs),
+        )
     assert resumed == stored[4:]
     np.testing.assert_array_equal(again.best_point, whole.best_point)
     assert again.best.cost == whole.best.cost
@@ -76,7 +84,7 @@ def test_search_resumes_exactly_from_stored_costs() -> None:
 
 def test_refusals_name_the_range() -> None:
     with pytest.raises(InputError, match="the search has 0 evaluations"):
-        search(PROBLEM, START, 0)
+        search(PROBLEM, START, 0, lambda points: [])
     with pytest.raises(InputError, match="target speed is 3; allowed"):
         replace(PROBLEM, speed=3.0)
     with pytest.raises(InputError, match="horizon is 3; allowed: 4 to 120 s"):

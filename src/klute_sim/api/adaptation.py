@@ -4,6 +4,8 @@ import csv
 import io
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -16,6 +18,7 @@ from klute_sim.api.walk import build_prosthesis
 from klute_sim.files.limits import RESULT
 from klute_sim.files.lines import read_csv_rows
 from klute_sim.files.reading import read_text
+from klute_sim.parameter_sweep import cluster
 from klute_sim.parameter_sweep.fingerprint import fingerprint_software
 from klute_sim.parameter_sweep.store import ResultStore, open_store
 from klute_sim.recording.atomic_file import write_atomically
@@ -27,7 +30,15 @@ from klute_sim.walker.adaptation.objective import (
     UNEVENNESS,
     AdaptationProblem,
 )
-from klute_sim.walker.adaptation.search import POPULATION, SearchProgress, import_cma, search
+from klute_sim.walker.adaptation.search import (
+    POPULATION,
+    EvaluatePoints,
+    SearchProgress,
+    evaluate_in_threads,
+    evaluate_on_cluster,
+    import_cma,
+    search,
+)
 from klute_sim.walker.outcomes import WalkOutcomes, compute_outcomes
 from klute_sim.walker.person.body import load_body
 from klute_sim.walker.person.build import get_contact
@@ -102,6 +113,7 @@ def adapt_walker(
     seed: int = 0,
     folder: str | Path | None = None,
     n_jobs: int = 0,
+    ray_address: str | None = None,
     progress: ProgressCallback | None = None,
 ) -> AdaptationResult:
     """Adapt the reflexes of a walker to ``device`` and ``controller`` by CMA-ES, and return the best walker.
@@ -124,6 +136,7 @@ def adapt_walker(
         seed: Random seed of search and ground.
         folder: Folder of the search, new, empty or of the same search; None: the next ``runs/adapt-NNN``.
         n_jobs: Number of threads; 0: one per core.
+        ray_address: Address of a Ray cluster, ``"auto"`` or ``"local"``; None: threads of this process.
         progress: Receives the completed fraction and the current stage.
 
     Raises InputError when an input is not usable, MissingExtraError without the package cma.
@@ -138,46 +151,59 @@ def adapt_walker(
         body=load_body(), prosthesis=prosthesis, controller=chosen_controller, speed=speed, seed=seed
     )
     import_cma()  # before a folder is made
-    store = open_store(folder, _describe_problem(problem, condition, start_walker, sigma), "adapt")
-    report = progress or ignore_progress
+    # A cluster that does not answer is refused before a folder is made.
+    with _open_evaluator(problem, n_jobs, ray_address) as evaluate_points:
+        store = open_store(folder, _describe_problem(problem, condition, start_walker, sigma), "adapt")
+        report = progress or ignore_progress
 
-    def on_generation(state: SearchProgress, costs: list[float]) -> None:
-        all_costs.extend(costs)
-        _write_costs(store, all_costs)
-        report(min(1.0, state.n_evaluations / evaluations), f"adapting, best cost {state.best.cost:.2f}")
+        def on_generation(state: SearchProgress, costs: list[float]) -> None:
+            all_costs.extend(costs)
+            _write_costs(store, all_costs)
+            report(min(1.0, state.n_evaluations / evaluations), f"adapting, best cost {state.best.cost:.2f}")
 
-    with store.lock(), explain_interrupt(store.folder):
-        all_costs = _read_costs(store.folder)
-        found = search(
-            problem,
-            start_walker.reflexes,
-            evaluations,
-            sigma=sigma,
-            stored_costs=tuple(all_costs),
-            n_jobs=n_jobs or os.cpu_count() or 1,
-            on_generation=on_generation,
-        )
-        walker = Walker(
-            store.folder.name,
-            problem.decode(found.best_point),
-            problem.body.digest,
-            get_contact(problem.build_model()),
-            condition,
-            {
-                "seed": seed,
-                "evaluations": found.n_evaluations,
-                "cost": found.best.cost,
-                "speed_m_per_s": found.best.speed,
-                "terms": found.best.terms,
-                "weights": asdict(problem.weights),
-                "start": start_walker.name,
-                "horizon_s": problem.horizon,
-            },
-        )
-        options = WalkOptions(seconds=ACCEPTANCE_FACTOR * problem.horizon)
-        outcomes = compute_outcomes(simulate_walk(walker, prosthesis, chosen_controller, options))
-        summary = _write_results(store, walker, outcomes)
+        with store.lock(), explain_interrupt(store.folder):
+            all_costs = _read_costs(store.folder)
+            found = search(
+                problem,
+                start_walker.reflexes,
+                evaluations,
+                evaluate_points,
+                sigma=sigma,
+                stored_costs=tuple(all_costs),
+                on_generation=on_generation,
+            )
+            walker = Walker(
+                store.folder.name,
+                problem.decode(found.best_point),
+                problem.body.digest,
+                get_contact(problem.build_model()),
+                condition,
+                {
+                    "seed": seed,
+                    "evaluations": found.n_evaluations,
+                    "cost": found.best.cost,
+                    "speed_m_per_s": found.best.speed,
+                    "terms": found.best.terms,
+                    "weights": asdict(problem.weights),
+                    "start": start_walker.name,
+                    "horizon_s": problem.horizon,
+                },
+            )
+            options = WalkOptions(seconds=ACCEPTANCE_FACTOR * problem.horizon)
+            outcomes = compute_outcomes(simulate_walk(walker, prosthesis, chosen_controller, options))
+            summary = _write_results(store, walker, outcomes)
     return AdaptationResult(walker, outcomes, store.folder, summary)
+
+
+@contextmanager
+def _open_evaluator(problem: AdaptationProblem, n_jobs: int, ray_address: str | None) -> Iterator[EvaluatePoints]:
+    """Yield the evaluation of points in threads, or on the cluster at ``ray_address``."""
+    if ray_address is None:
+        with evaluate_in_threads(problem, n_jobs or os.cpu_count() or 1) as evaluate_points:
+            yield evaluate_points
+        return
+    with cluster.connect(ray_address) as ray:
+        yield evaluate_on_cluster(problem, ray)
 
 
 def _describe_problem(

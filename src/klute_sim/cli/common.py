@@ -294,3 +294,23 @@ def jobs_option(
 ) -> Decorator:
     """Return ``--jobs``; with ``default`` None the command can tell whether the option was given."""
     return click.option("--jobs", type=click.IntRange(0, 256), default=default, metavar="N", help=help_text)
+
+
+def ray_option() -> Callable[[Any], Any]:
+    """Return the option for a Ray cluster; ``ray_address`` is None without it."""
+    return click.option(
+        "--ray",
+        "ray_address",
+        is_flag=False,
+        flag_value="auto",
+        default=None,
+        metavar="[ADDRESS|local]",
+        help="Run on a Ray cluster: the cluster at ADDRESS, a new cluster on this machine (local), or the cluster that "
+        "Ray detects (no value).  [default: no cluster]",
+    )
+
+
+def check_ray_options(ray_address: str | None, jobs: int | None) -> None:
+    """Raise InputError when both a cluster and a number of jobs are given."""
+    if ray_address is not None and jobs is not None:
+        raise InputError("--jobs and --ray exclude each other: Ray uses all cores of the cluster")

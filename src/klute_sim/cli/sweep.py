@@ -176,16 +176,7 @@ WALK_STEP_MS = 1.0
 @common.strides_option("Number of strides per case")
 @common.TIME_STEP_OPTION
 @common.jobs_option(default=None)
-@click.option(
-    "--ray",
-    "ray_address",
-    is_flag=False,
-    flag_value="auto",
-    default=None,
-    metavar="[ADDRESS|local]",
-    help="Run on a Ray cluster: the cluster at ADDRESS, a new cluster on this machine (local), or the cluster that Ray "
-    "detects (no value).  [default: no cluster]",
-)
+@common.ray_option()
 @common.resumable_out_option("sweep", "the sweep")
 @click.option("--csv", "with_csv", is_flag=True, help="Also write sweep.csv.")
 @common.json_option()
@@ -244,11 +235,9 @@ def command(
     from klute_sim.api.rendering import print_summary
     from klute_sim.api.sweep import sweep, sweep_walks
     from klute_sim.cli.console import progress_bar, stderr_console, stdout_console
-    from klute_sim.errors import InputError
     from klute_sim.parameter_sweep.plan import ABLE_BODIED_REFERENCE
 
-    if ray_address is not None and jobs is not None:
-        raise InputError("--jobs and --ray exclude each other: Ray uses all cores of the cluster")
+    common.check_ray_options(ray_address, jobs)
     common.check_rig_options(context, rig, GAIT_OPTIONS, WALK_OPTIONS)
     execution: dict[str, Any] = {"folder": out, "n_jobs": jobs or 0, "ray_address": ray_address}
     conditions["slopes"] = slopes or [0.0]

@@ -232,16 +232,18 @@ def compare_command(a: str, b: str, as_json: bool, **comparison: Any) -> None:
     metavar="N",
     help="Random seed of search and ground.",
 )
-@common.jobs_option("Number of threads; 0: one per core.  [default: 0]")
+@common.jobs_option("Number of threads; 0: one per core.  [default: 0]", default=None)
+@common.ray_option()
 @common.resumable_out_option("adapt", "the search")
 @common.json_option()
-def adapt_command(jobs: int, out: Path | None, as_json: bool, **adaptation: Any) -> None:
+def adapt_command(jobs: int | None, out: Path | None, as_json: bool, **adaptation: Any) -> None:
     """Adapt the reflexes of a walker to a prosthesis and a controller, or to two legs of flesh.
 
     The search method is CMA-ES. A walk of 18 s costs its metabolic energy per distance and its deviation from the
     speed, plus penalties for squared activations, load above 1.2 body weights, knees on their stops, dorsiflexion in
-    swing and a leaning trunk. Its last part leads over blocks of up to 10 mm, with a push of 5 N·s on the way; a fall
-    costs more than any walk. The best walker is accepted if it walks three times as long on level ground.
+    swing and a leaning trunk. Its last part leads over blocks of up to 10 mm, with pushes of 10 N·s forward and
+    backward before; a fall costs more than any walk. The best walker is accepted if it walks three times as long on
+    level ground.
 
     Writes adapted.toml (for walk --walker), adaptation.json and costs.csv; the same command resumes an interrupted
     search, also with more --evaluations. Needs the optional extra 'tune'.
@@ -254,8 +256,9 @@ def adapt_command(jobs: int, out: Path | None, as_json: bool, **adaptation: Any)
     from klute_sim.api.adaptation import adapt_walker
     from klute_sim.cli.console import progress_bar, stdout_console
 
+    common.check_ray_options(adaptation["ray_address"], jobs)
     with progress_bar("adapting") as progress:
-        result = adapt_walker(folder=out, n_jobs=jobs, progress=progress, **adaptation)
+        result = adapt_walker(folder=out, n_jobs=jobs or 0, progress=progress, **adaptation)
     _print_result(result, as_json)
     if not as_json:
         files = ", ".join(result.summary["files"])

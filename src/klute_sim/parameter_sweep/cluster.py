@@ -38,7 +38,7 @@ def connect(address: str) -> Iterator[Any]:
     try:
         import ray
     except ImportError:
-        raise MissingExtraError("a sweep on a cluster", "ray") from None
+        raise MissingExtraError("a run on a cluster", "ray") from None
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage statistics leave this machine
     try:
         _check_reachable(address)
