@@ -82,7 +82,7 @@ def test_sampled_subject_equals_fixed_subject() -> None:
     mujoco.mj_copyState(fixed_env.model, sampled_env.data, fixed_env.data, int(mujoco.mjtState.mjSTATE_INTEGRATION))
     fixed_env.data.ctrl[:] = sampled_env.data.ctrl
     mujoco.mj_forward(fixed_env.model, fixed_env.data)
-    fixed_env._task.reset(fixed_env._single_mask, fixed_env._read_states(), [fixed_env.np_random])
+    fixed_env._task.reset(np.ones(1, dtype=np.bool_), fixed_env._read_states(), [fixed_env.np_random])
     for k in range(150):
         first, second = (env.step(np.full(1, 0.5 * np.sin(k / 8) - 0.5)) for env in (sampled_env, fixed_env))
         assert first[0] == pytest.approx(second[0], abs=1e-4)
@@ -107,7 +107,7 @@ def test_sampled_device_equals_fixed_device(monkeypatch: pytest.MonkeyPatch) -> 
     for env in (fixed_env, nominal_env):
         mujoco.mj_copyState(env.model, sampled_env.data, env.data, state)
         mujoco.mj_forward(env.model, env.data)
-        env._task.reset(env._single_mask, env._read_states(), [env.np_random])
+        env._task.reset(np.ones(1, dtype=np.bool_), env._read_states(), [env.np_random])
     max_difference = 0.0
     for k in range(100):
         action = np.full(1, 0.5 * np.sin(k / 8) - 0.5)

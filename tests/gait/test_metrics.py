@@ -12,7 +12,7 @@ from klute_sim.gait.summary import summarize_gait_run
 from klute_sim.recording.recording import Recording
 from klute_sim.report.gait import figure
 from klute_sim.report.gait.headline import format_headline
-from klute_sim.report.gait.table import build_table, collect_remarks
+from klute_sim.report.gait.table import build_stride_table, build_table, collect_remarks
 from klute_sim.types import Array
 
 MASS, STEP, COUNT = 80.0, 1e-3, 1000
@@ -250,7 +250,9 @@ def test_table_shows_the_deviation_between_steady_strides() -> None:
     ranges = [20.0, 20.0, 26.0]
     assert metrics.standard_deviation(lambda s: s.ankle_range_deg) == pytest.approx(np.std(ranges, ddof=1), rel=1e-3)
     cells = [next(iter(column.cells)) for column in build_table(run, metrics).columns]
-    assert cells == ["ankle range", "deg", "20.0", "22.0", "3.5"]
+    assert cells == ["ankle range", "deg", "20.0", "22.0", "+10 %"]
+    cells = [next(iter(column.cells)) for column in build_stride_table(run, metrics).columns]
+    assert [*cells[:2], *cells[-4:]] == ["ankle range", "deg", "20.0", "20.0", "26.0", "3.5"]
     assert compute_metrics().standard_deviation(lambda s: s.ankle_range_deg) is None
 
 
