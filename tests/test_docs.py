@@ -14,7 +14,10 @@ from tests.command_line import run
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(console|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-SLOW_PAGES = {"compare.md", "design.md", "diagnose.md", "dissertation.md", "import.md", "python.md", "tuning.md"}
+SLOW_PAGES = {
+    *("bench.md", "compare.md", "design.md", "diagnose.md", "dissertation.md", "environment.md"),
+    *("import.md", "python.md", "tuning.md"),
+}
 """Pages with commands of many seconds, such as whole diagnoses."""
 PAGES_WITH_OWN_PROCESS = {"README.md", "effects.md", "python.md"}
 """Pages whose Python starts as a user's process does, or adds effects to the law, which a process builds once."""
@@ -55,6 +58,7 @@ def test_block_runs(page: str, kind: str, text: str, tmp_path: Path) -> None:
         assert completed.returncode == 0, completed.stderr
 
 
+@pytest.mark.slow
 def test_example_improves_in_a_few_generations(tmp_path: Path) -> None:
     example = str(ROOT / "examples" / "cross_entropy.py")
     command = [sys.executable, example, "--generations", "4", "--candidates", "16", "--strides", "1"]

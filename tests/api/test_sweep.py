@@ -41,6 +41,7 @@ def test_one_reference_stands_for_a_list_of_one(tmp_path: Path) -> None:
     assert [(row["reference"], row["mass [kg]"]) for row in result.rows] == [(str(folder), 62.0)]
 
 
+@pytest.mark.slow
 def test_tuning_result_has_the_tuned_profile_and_writes_the_files_of_the_command(tmp_path: Path) -> None:
     pytest.importorskip("cma")
     result = ks.tune(budget=1, n_jobs=1, folder=tmp_path / "t")

@@ -160,6 +160,7 @@ def test_command_writes_the_table_and_can_be_resumed(tmp_path: Path) -> None:
     assert sorted((tmp_path / "b" / RESULTS_FOLDER).iterdir()) == files
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_process_runner")
 def test_own_controllers_of_an_imported_subject_stand_beside_the_baselines(tmp_path: Path) -> None:
     write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66)

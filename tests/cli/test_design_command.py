@@ -68,6 +68,7 @@ def test_designed_prosthesis_completes_gait_run(
     assert not metrics["touches_in_swing"]
 
 
+@pytest.mark.slow
 def test_imported_subject_determines_mass_and_demand(tmp_path: Path) -> None:
     write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66, load_ratio=1.1)
     completed = run("design", "--reference", "me", "--speed", "1.5", "--json", "--out", "o", cwd=tmp_path)

@@ -173,6 +173,7 @@ def test_bad_input_is_one_sentence_and_leaves_no_file(arguments: list[str], mess
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_missing_rerun_is_named_and_all_other_files_are_written(tmp_path: Path) -> None:
     (tmp_path / "rerun").mkdir()
     (tmp_path / "rerun" / "__init__.py").write_text("raise ImportError('not here')")

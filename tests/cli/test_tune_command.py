@@ -16,6 +16,7 @@ pytest.importorskip("cma")
 pytestmark = pytest.mark.usefixtures("in_process_runner")
 
 
+@pytest.mark.slow
 def test_few_evaluations_reduce_the_objective_and_the_search_can_be_resumed(tmp_path: Path) -> None:
     arguments = ("tune", "--budget", "12", "--also", "tendon.stiffness_1_n_per_mm", "--jobs", "1", "--out", "t")
     done = run(*arguments, "--json", cwd=tmp_path)

@@ -14,6 +14,8 @@ from klute_sim.diagnosis.planning.identifiability import (
 )
 from klute_sim.diagnosis.planning.signatures import simulate_effect_response
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def identifiability() -> list[RigIdentifiability]:

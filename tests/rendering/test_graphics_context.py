@@ -45,6 +45,7 @@ def run_without_display(code: str, **variables: str) -> str:
     return (completed.stdout + completed.stderr).strip()
 
 
+@pytest.mark.slow
 @needs_library
 def test_environments_pass_gymnasium_checker_in_all_render_modes() -> None:
     assert run_without_display(CHECK) == "passed"
