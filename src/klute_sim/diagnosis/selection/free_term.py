@@ -28,7 +28,8 @@ def find_free_model(
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if not names:
         return None
-    free_fit = fit_free_term(search, base_fit, compute_equation_residuals(search.data, base_fit), exclude).fit
+    residuals = compute_equation_residuals(search.data, base_fit)
+    free_fit = fit_free_term(search, base_fit, residuals, exclude, max_supports=1).fit
     if free_fit is None or search.has_misfit(free_fit):
         return None
     places = {"number" if term.number else term.effect_definition.kind for term in names}

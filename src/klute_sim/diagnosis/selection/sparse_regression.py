@@ -89,10 +89,13 @@ def fit_free_term(
     current: Fit,
     equation_residuals: Sequence[EquationResidual],
     exclude: Collection[str] = (),
+    *,
+    max_supports: int = MAX_FUNCTIONS,
 ) -> DiscrepancyResult:
     """Return ``current`` with the data-driven term that explains most, before any test of acceptance.
 
-    Only equations with significant residuals get a term. ``exclude`` names effects that are not candidates.
+    Only equations with significant residuals get a term. ``exclude`` names effects that are not candidates. Of the sets
+    of functions, the ``max_supports`` with the largest predicted gains are fitted.
     """
     can_add_effect = current.hypothesis.device.spec.can_add_effect
     effects = {
@@ -113,7 +116,9 @@ def fit_free_term(
             "explain more than noise would."
         )
         return DiscrepancyResult(None, reason, equation)
-    return DiscrepancyResult(_fit_supports(search, current, promising), "", equation)
+    leading = sorted(promising, key=lambda support: -support.predicted_bic_gain)[:max_supports]
+    fitted = [support for support in promising if any(support is other for other in leading)]  # smallest first
+    return DiscrepancyResult(_fit_supports(search, current, fitted), "", equation)
 
 
 def format_formula(fit_result: Fit) -> str:
