@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from benchmarks.hidden_effects.release import freeze as release
-from benchmarks.hidden_effects.release.scorer import compute_wilson_interval, seal, unseal
+from benchmarks.hidden_effects.release.scorer import compute_wilson_interval, score_answer, seal, unseal
 from benchmarks.hidden_effects.score import format_effect
 
 from klute_sim.datasets import dataset as datasets
@@ -124,6 +124,15 @@ def test_card_has_all_names_and_its_method_runs(frozen: tuple[Path, dict[str, An
     code = card.split("```python\n")[1].split("```")[0]
     subprocess.run([sys.executable, "-I", "-c", code], cwd=tmp_path, check=True)
     assert run_scorer(folder, tmp_path / "answers").returncode == 0
+
+
+def test_silence_about_a_wrong_number_is_no_success() -> None:
+    truth = {"block": "wrong_number", "size": 0.0, "numbers": [{"name": "number_error", "number": "muscle.c10_kpa"}]}
+    silent = score_answer("d", truth, {"verdict": "nothing-missing", "effects": [], "alternatives": []})
+    assert silent.outcome == "missed"
+    effects = [{"name": "number_error", "number": "muscle.c10_kpa"}]
+    named = score_answer("d", truth, {"verdict": "identified", "effects": effects, "alternatives": []})
+    assert named.outcome == "right"
 
 
 def test_wilson_interval() -> None:
