@@ -13,7 +13,7 @@ from klute_sim.controllers.parse import parse_controller
 from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device
 from klute_sim.envs.ankle_walk import AnkleWalkEnv
 from klute_sim.envs.tasks.instruments import N_MEASURED, NOISE_DEVIATION, OBSERVATIONS
-from klute_sim.envs.tasks.walk.person import Whereabouts
+from klute_sim.envs.tasks.walk.person import WholeBodyState
 from klute_sim.envs.tasks.walk.reward import DEFAULT_WEIGHTS, REWARD_TERMS
 from klute_sim.errors import InputError
 from klute_sim.types import Array
@@ -170,7 +170,7 @@ def test_weights_of_the_reward_can_be_replaced() -> None:
 def test_info_holds_what_a_prosthesis_does_not_sense() -> None:
     env = AnkleWalkEnv(duration=0.5)
     _, infos = run_episode(env)
-    assert set(Whereabouts._fields) < set(infos)
+    assert set(WholeBodyState._fields) < set(infos)
     q = env.data.qpos
     assert infos["hip_height_m"][-1] == q[1]
     assert [infos[f"{name}_rad"][-1] for name in ("hip_left", "knee_left", "ankle_left")] == q[3:6].tolist()

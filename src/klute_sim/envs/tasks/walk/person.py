@@ -25,12 +25,12 @@ _LEAN = 2
 _HIPS, _KNEES = (3, 6), (4, 7)
 """Coordinates of trunk and legs in MuJoCo's state."""
 MIN_STEP_LENGTHS = 0.2
-"""Least sum of two step lengths [m] for which their asymmetry means something; people take more than 1 m."""
+"""Least sum of two step lengths [m] for which their asymmetry means something (assumed)."""
 MIN_SPEED, STANDING_TIME = 0.5, 2.0
-"""Mean speed [m/s] over a time [s] below which a person stands, which counts as a fall."""
+"""Mean speed [m/s] over a time [s] below which a person stands, which counts as a fall (assumed)."""
 
 
-class Whereabouts(NamedTuple):
+class WholeBodyState(NamedTuple):
     """Motion of the whole person at the end of an interval: what a prosthesis does not sense."""
 
     speed_m_per_s: float
@@ -136,7 +136,7 @@ class WalkingPerson:
         self._positions = deque([self.simulator.data.qpos[0]], maxlen=round(STANDING_TIME / CONTROL_INTERVAL))
         self._has_contact, self._swing_begin, self._step_lengths = [True, True], [0.0, 0.0], [0.0, 0.0]
         self._energy = 0.0
-        self.whereabouts = self._observe()
+        self.body_state = self._observe()
         """What the person does at the end of the interval."""
 
     @property
@@ -170,15 +170,15 @@ class WalkingPerson:
             self.is_walking = self._walk.advance(CONTROL_INTERVAL)
         except SimulationError:  # the Python backend raises at once when a device has no finite state
             self.is_walking = False
-        self.whereabouts = self._observe()
+        self.body_state = self._observe()
         data, positions = self.simulator.data, self._positions
         if len(positions) == positions.maxlen and data.qpos[0] - positions[0] < MIN_SPEED * STANDING_TIME:
             self.is_walking = False
         positions.append(data.qpos[0])
-        if not (math.isfinite(sum(self.whereabouts)) and math.isfinite(data.act.sum())):
+        if not (math.isfinite(sum(self.body_state)) and math.isfinite(data.act.sum())):
             self.is_walking = False
 
-    def _observe(self) -> Whereabouts:
+    def _observe(self) -> WholeBodyState:
         state, data = self.simulator.state, self.simulator.data
         q, v = data.qpos.tolist(), data.qvel.tolist()
         self._update_steps(q)
@@ -189,7 +189,7 @@ class WalkingPerson:
         cost, self._energy = self._cost_scale * (energy - self._energy), energy
         loads = state[layout.LOAD : layout.LOAD + layout.N_SIDES].tolist()
         trunk = (v[0], v[1], q[1], q[_LEAN], v[_LEAN])
-        return Whereabouts._make((*trunk, *q[3:8], *v[3:8], *loads, min(max(asymmetry, -1.0), 1.0), cost))
+        return WholeBodyState._make((*trunk, *q[3:8], *v[3:8], *loads, min(max(asymmetry, -1.0), 1.0), cost))
 
     def _update_steps(self, q: list[float]) -> None:
         """Measure a step where a foot strikes after a swing; a bounce or a scuff is no step."""
@@ -212,7 +212,7 @@ def _measure_step(q: list[float], side: int) -> float:
     return ahead[side] - ahead[1 - side]
 
 
-def stack_whereabouts(people: list[WalkingPerson]) -> dict[str, Array]:
-    """Return the :class:`Whereabouts` of ``people`` (n,) by name."""
-    rows = np.array([person.whereabouts for person in people])
-    return dict(zip(Whereabouts._fields, rows.T, strict=True))
+def stack_body_states(people: list[WalkingPerson]) -> dict[str, Array]:
+    """Return the :class:`WholeBodyState` of ``people`` (n,) by name."""
+    rows = np.array([person.body_state for person in people])
+    return dict(zip(WholeBodyState._fields, rows.T, strict=True))

@@ -13,7 +13,7 @@ from klute_sim.envs.base.task import BatchStep
 from klute_sim.envs.tasks.instruments import N_MEASURED, NOISE_DEVIATION, NoisyMeasurements, build_observations
 from klute_sim.envs.tasks.reward import resolve_weights
 from klute_sim.envs.tasks.walk.options import N_GROUNDS, WalkTaskOptions
-from klute_sim.envs.tasks.walk.person import ActionController, WalkingPerson, stack_whereabouts
+from klute_sim.envs.tasks.walk.person import ActionController, WalkingPerson, stack_body_states
 from klute_sim.envs.tasks.walk.reward import DEFAULT_WEIGHTS, REWARD_TERMS, compute_terms
 from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
@@ -123,7 +123,7 @@ class WalkTask:
         people = [self.get_person(i) for i in range(len(mask))]
         actions = np.clip(actions, -1.0, 1.0)
         has_fallen: Mask = np.array([not person.is_walking for person in people]) & mask
-        info = stack_whereabouts(people)
+        info = stack_body_states(people)
         terms = self._weights * compute_terms(
             has_fallen.astype(np.float64),
             info["metabolic_cost_j_per_kg_m"],
