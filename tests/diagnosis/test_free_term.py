@@ -36,7 +36,7 @@ def test_elimination_keeps_the_true_functions() -> None:
 
 
 @pytest.mark.slow
-def test_true_name_is_not_beaten_and_an_imitation_is(tmp_path: Path) -> None:
+def test_true_name_is_not_beaten_and_an_imitation_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for search, base in create_search(tmp_path / "d", {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}):
         named = add_terms(search, base, FRICTION)
         assert not search.has_misfit(named)
@@ -48,3 +48,6 @@ def test_true_name_is_not_beaten_and_an_imitation_is(tmp_path: Path) -> None:
         assert free_model.bic_difference < -search.bic_threshold
         assert not search.has_misfit(free_model.fit)
         assert find_free_model(search, base, imitation, ("unknown_force",)) is None
+        # A term must not lose in any validation group, even where it gains in the mean.
+        monkeypatch.setattr(search, "compute_validation_gains", lambda before, after: {"a": 0.5, "b": -0.1})
+        assert find_free_model(search, base, imitation) is None

@@ -100,6 +100,30 @@ def write_dataset_folder(file: Path, folder: Path) -> Path:
     return folder
 
 
+def write_seal_folder(seal: str, folder: Path) -> Path:
+    """Write the logs of a seal at all pressures as one dataset: motion and measured pressure are prescribed."""
+    folder.mkdir(parents=True)
+    (folder / "cylinder.toml").write_text(DEVICE + SUPPLY, "utf-8")
+    lines = ['format = "klute-sim-dataset/2"', 'rig = "bench"', 'device = "cylinder.toml"']
+    for pressure, log in zip(PRESSURES.tolist(), read_seal(seal), strict=True):
+        for index, ((start, end), use) in enumerate(zip(pairwise(log.reversals), USES, strict=True)):
+            stroke = slice(start, end + 1)
+            position = log.position[stroke]
+            is_compared = (position > COMPARED_RANGE[0]) & (position < COMPARED_RANGE[1])
+            columns = {
+                "time [s]": log.time[stroke],
+                "length [mm]": LENGTH_OFFSET - position,
+                "pressure_command [bar]": log.pressure[stroke],
+                "force [N]": np.where(is_compared, -log.resistance[stroke], np.nan),
+            }
+            name = f"{pressure:.0f}_bar_{index}.csv"
+            write_trial(folder / name, columns)
+            group = f"{use}_{pressure:.0f}_bar"
+            lines += ["[[trial]]", f'files = ["{name}"]', f'group = "{group}"', f'use = "{use}"']
+    (folder / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
+    return folder
+
+
 def half_difference(result: Log, force: Array) -> float:
     """Return half the difference of ``force`` between the directions at equal positions [N], the median of strokes."""
     positions = np.linspace(*COMPARED_RANGE, 101)
@@ -270,3 +294,23 @@ def test_seal_friction_of_measured_cylinders_is_identified(file: Path, tmp_path:
     if result.prediction is not None:
         assert result.prediction.share > 0.7
     assert result.channel_rms["force"].with_effects < 0.35 * result.channel_rms["force"].nominal
+
+
+@pytest.mark.parametrize(("seal", "force", "growth"), [("O-ring257", 4.2, 0.13), ("Kidney_lc", 6.2, 0.13)])
+def test_one_law_of_friction_is_identified_over_all_pressures_of_a_seal(
+    seal: str, force: float, growth: float, tmp_path: Path
+) -> None:
+    result = diagnose(
+        datasets.load_dataset(write_seal_folder(seal, tmp_path / "data")), DiagnosisOptions(exclude=EXCLUDED_EFFECTS)
+    )
+    assert result.added_terms[0].effect == "seal_friction"
+    assert result.added_terms[0].form == "pressure"
+    assert {term.effect for term in result.added_terms} <= {"seal_friction", "sensor_offset"}
+    assert result.verdict in ("identified", "identified-in-part")
+    assert result.held_out == "confirmed"
+    assert result.final_fit is not None
+    intervals = dict(
+        zip((p.name for p in result.final_fit.hypothesis.parameters), result.confidence_intervals, strict=True)
+    )
+    assert intervals["force_n"][0] < force < intervals["force_n"][1]
+    assert intervals["growth_per_bar"][0] < growth < intervals["growth_per_bar"][1]

@@ -7,8 +7,6 @@ misfit represents any such effect. Names stand if the term is not better. Where 
 
 from collections.abc import Collection
 
-import numpy as np
-
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection
@@ -22,8 +20,8 @@ def find_free_model(
     """Return ``base_fit`` with a data-driven term in place of the names of ``named_fit``, if it is as good.
 
     Its repeats show no misfit, its BIC is lower by more than the threshold (not higher by more than the threshold where
-    the names are in several places), and it predicts the validation trials as well. ``exclude`` names effects that are
-    not candidates.
+    the names are in several places), and it predicts every validation group as well (names must, too). ``exclude``
+    names effects that are not candidates.
     """
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if not names:
@@ -37,7 +35,7 @@ def find_free_model(
     bic_difference = free_fit.bic(n) - named_fit.bic(n)
     if bic_difference > (search.bic_threshold if len(places) > 1 else -search.bic_threshold):
         return None
-    gains = list(search.compute_validation_gains(named_fit, free_fit).values())
-    if gains and float(np.mean(gains)) < -MAX_VALIDATION_LOSS:
+    gains = search.compute_validation_gains(named_fit, free_fit)
+    if min(gains.values(), default=0.0) < -MAX_VALIDATION_LOSS:
         return None
     return EquivalentModel(free_fit, names[-1], bic_difference)
