@@ -249,6 +249,8 @@ JOINT_CHANNELS = {
     "pressure_flexor": BENCH_CHANNELS["pressure"],
     "pressure_extensor": BENCH_CHANNELS["pressure"],
 }
+JOINT_LOAD_CELLS = {"force_flexor": BENCH_CHANNELS["force"], "force_extensor": BENCH_CHANNELS["force"]}
+"""Channels that only a proposed change of the joint's rig adds."""
 
 
 def instrument_forms(channel: str) -> Forms:

@@ -17,6 +17,7 @@ from benchmarks.hidden_effects.air import AIR_STEP, simulate_pressure
 from benchmarks.hidden_effects.catalogue import (
     JOINT_CHANNELS,
     JOINT_EFFECTS,
+    JOINT_LOAD_CELLS,
     OUT_OF_CATALOGUE_JOINT_FORMS,
     instrument_forms,
 )
@@ -59,7 +60,8 @@ class JointNumbers(NamedTuple):
 
 
 @cache
-def _load_nominal() -> dict[str, float]:
+def load_nominal() -> dict[str, float]:
+    """Return the believed numbers of device and model."""
     device = load_device(PRESET_FILE)
     slack = device["tendon.slack_length_mm"]
     return {**device, **{f"{tendon}/tendon.slack_length_mm": slack for tendon in TENDONS}, **MODEL_VALUES}
@@ -169,8 +171,9 @@ def simulate_channels(
     faults: Effects = (),
     errors: tuple[ForceError, ForceError] | None = None,
     steps: int = STEPS_PER_TRACE,
+    load_cells: Sequence[str] = (),
 ) -> dict[str, Floats]:
-    """Return the channels on the trace grid in their units, as the instruments report them."""
+    """Return the channels on the trace grid in their units, as the instruments report them, with ``load_cells``."""
     n = round((commands.shape[1] - 1) * SAMPLE_INTERVAL / TRACE_STEP) + 1
     n_air = round((n - 1) * TRACE_STEP / AIR_STEP) + 1
     pressures = np.stack(
@@ -186,6 +189,7 @@ def simulate_channels(
         f"pressure_{tendon}": pressures[k, ::decimation] / 1e5 for k, tendon in enumerate(TENDONS)
     }
     plain = [fault for fault in faults if fault["name"] != "sensor_backlash"]
+    channels |= {name: out[1 + TENDONS.index(name.removeprefix("force_"))] for name in load_cells}
     channels = apply_faults(channels, plain)
     for fault in faults:
         if fault["name"] == "sensor_backlash":
@@ -225,7 +229,7 @@ def make_dataset(
     from benchmarks.hidden_effects.joint_sizes import JointEffectSizer
 
     child = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
-    nominal = _load_nominal()
+    nominal = load_nominal()
     base = dict(nominal)
     for key, share in UNCERTAINTIES.items():
         base[key] = nominal[key] * (1.0 + share * float(np.clip(child[0].normal(), -2.0, 2.0)))
@@ -241,13 +245,13 @@ def make_dataset(
     lines = _write_header(law_error is not None)
     for index, (group, use) in enumerate(GROUPS.items()):
         specimen = SEEN_SPECIMENS[index % len(SEEN_SPECIMENS)] if use != "test" else "D"
-        errors = _make_errors(law_error, specimen)
+        errors = make_errors(law_error, specimen)
         for repeat in "ab":
             n_air = round(DURATION / AIR_STEP) + 1
             wander = draw_wander(child[2], n_air, WANDER)
             channels = simulate_channels(numbers, commands[group], wander, faults, errors)
             file = f"{group}_{repeat}.csv"
-            (folder / file).write_text(_format_table(child[2], commands[group], channels, faults), "utf-8")
+            (folder / file).write_text(format_table(child[2], commands[group], channels, faults), "utf-8")
             lines += ["", "[[trial]]", f'files = ["{file}"]', f'group = "{group}"', f'use = "{use}"']
             lines += [f'specimen = "{specimen}"'] if law_error is not None else []
     (folder / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
@@ -269,15 +273,21 @@ def _draw_allowed_commands(rng: np.random.Generator, base: Mapping[str, float]) 
     """Return commands that keep the joint away from its stops, the difference reduced where necessary."""
     commands = draw_commands(rng)
     for _ in range(8):
-        angle = np.radians(simulate_channels(build_joint(base, ()), commands)["angle_joint"])
-        if angle.min() > MIN_ANGLE and angle.max() < MAX_ANGLE:
+        if stays_off_stops(build_joint(base, ()), commands):
             return commands
         mean = commands.mean(axis=0)
         commands = mean + 0.8 * (commands - mean)
     return commands
 
 
-def _make_errors(law_error: Mapping[str, Any] | None, specimen: str) -> tuple[ForceError, ForceError]:
+def stays_off_stops(numbers: JointNumbers, commands: Floats) -> bool:
+    """Return whether the joint stays away from its stops, which the equation of motion lacks."""
+    angle = np.radians(simulate_channels(numbers, commands)["angle_joint"])
+    return bool(angle.min() > MIN_ANGLE and angle.max() < MAX_ANGLE)
+
+
+def make_errors(law_error: Mapping[str, Any] | None, specimen: str) -> tuple[ForceError, ForceError]:
+    """Return the error of the law of both muscles on ``specimen``."""
     coefficients = np.zeros(0) if law_error is None else np.array(law_error["coefficients"])
     if law_error is None:
         return ForceError(1.0, 0.0, coefficients), ForceError(1.0, 0.0, coefficients)
@@ -294,7 +304,7 @@ def _write_header(has_specimens: bool) -> list[str]:
     return [*lines, "[uncertain]", *(f'"{key}" = "{100.0 * share:g} %"' for key, share in UNCERTAINTIES.items())]
 
 
-def _format_table(rng: np.random.Generator, commands: Floats, channels: Mapping[str, Floats], faults: Effects) -> str:
+def format_table(rng: np.random.Generator, commands: Floats, channels: Mapping[str, Floats], faults: Effects) -> str:
     """Return the text of a trial file: commands and channels with noise, 200 rows per second."""
     n, decimation = commands.shape[1], round(SAMPLE_INTERVAL / TRACE_STEP)
     columns = {"time [s]": [f"{k * SAMPLE_INTERVAL:.3f}" for k in range(n)]}
@@ -302,9 +312,10 @@ def _format_table(rng: np.random.Generator, commands: Floats, channels: Mapping[
         logged = command / 1e5 + rng.normal(0.0, LOGGED_COMMAND, n)
         columns[f"pressure_command_{tendon} [bar]"] = [f"{value:.5f}" for value in logged]
     for name, values in channels.items():
-        noisy = values[::decimation] + draw_coloured_noise(rng, n, JOINT_CHANNELS[name].noise)
+        channel = (JOINT_CHANNELS | JOINT_LOAD_CELLS)[name]
+        noisy = values[::decimation] + draw_coloured_noise(rng, n, channel.noise)
         noisy = quantise(name, noisy, faults)
-        columns[f"{name} [{JOINT_CHANNELS[name].unit}]"] = [f"{value:.5f}" for value in noisy]
+        columns[f"{name} [{channel.unit}]"] = [f"{value:.5f}" for value in noisy]
     rows = [",".join(row) for row in zip(*columns.values(), strict=True)]
     return "\n".join([",".join(columns), *rows]) + "\n"
 

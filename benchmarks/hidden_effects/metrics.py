@@ -78,10 +78,7 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         return [row for block in blocks for row in rows_by_block.get(block, ())]
 
     single = [row for row in rows_of("single", "instrument") if row.truth["size"] >= MIN_RELEVANT_SIZE]
-    indistinguishable = [
-        row for row in rows if row.verdict["verdict"] == "indistinguishable" and list_hidden_effects(row.truth)
-    ]
-    catalogued = [row for row in indistinguishable if not row.truth.get("deleted") and not row.truth["strangers"]]
+    catalogued = _select_catalogued(rows)
     scored = [row for row in rows if row.truth["block"] not in UNSCORED_BLOCKS]
     parameter_intervals = list(iter_parameter_intervals(row for row in rows if row.truth["block"] != "imperfect"))
     gaps = [fraction for row in rows if row.outcome == "right" and (fraction := removed_gap_fraction(row)) is not None]
@@ -111,13 +108,13 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         _fraction_metric(
             "rival sets contain the truth",
             catalogued,
-            lambda r: list_hidden_effects(r.truth) in list_effect_sets(r.verdict),
+            _lists_truth,
             0.98,
         ),
         _fraction_metric(
             "resolved by the experiment that was asked for",
             _select_decisive(catalogued),
-            lambda r: r.second_outcome == "right",
+            _is_resolved,
             0.90,
         ),
         _fraction_metric("imperfect law: names right", _select_hidden(rows_of("imperfect")), _is_right, 0.90),
@@ -171,6 +168,7 @@ def _compute_joint_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
     named = rows_of("joint", "joint_clean", "joint_pair")
     parameter_intervals = list(iter_parameter_intervals(rows_of("joint", "joint_pair")))
     errors = [interval.relative_error for interval in parameter_intervals]
+    catalogued = _select_catalogued(rows)
     return [
         _fraction_metric(
             "joints: first name right, effect at least as large as the noise", relevant, _is_first_right, 0.95
@@ -194,6 +192,10 @@ def _compute_joint_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
             0.95,
         ),
         _fraction_metric("joints: instrument taken for the rest or back", named, _is_kind_confused, 0.02, at_most=True),
+        _fraction_metric("joints: rival sets contain the truth", catalogued, _lists_truth, 0.98),
+        _fraction_metric(
+            "joints: resolved by the experiment that was asked for", _select_decisive(catalogued), _is_resolved, 0.90
+        ),
         _fraction_metric(
             "joints: imperfect law: names right", _select_hidden(rows_of("joint_imperfect")), _is_right, 0.90
         ),
@@ -273,6 +275,23 @@ def _is_kind_confused(row: DatasetResult) -> bool:
 def _is_wrong_alone(row: DatasetResult) -> bool:
     """Return whether the verdict gives names, and none of its sets is the hidden one."""
     return row.outcome in WRONG_OUTCOMES or row.outcome == "twin"
+
+
+def _select_catalogued(rows: Iterable[DatasetResult]) -> list[DatasetResult]:
+    """Return the `indistinguishable` results whose hidden effects the diagnosis may know."""
+    return [
+        row
+        for row in _select_hidden(rows)
+        if row.verdict["verdict"] == "indistinguishable" and not row.truth.get("deleted") and not row.truth["strangers"]
+    ]
+
+
+def _lists_truth(row: DatasetResult) -> bool:
+    return list_hidden_effects(row.truth) in list_effect_sets(row.verdict)
+
+
+def _is_resolved(row: DatasetResult) -> bool:
+    return row.second_outcome == "right"
 
 
 def _select_decisive(rows: Iterable[DatasetResult]) -> list[DatasetResult]:

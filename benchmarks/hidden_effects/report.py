@@ -27,6 +27,9 @@ def print_report(
     totals: dict[str, Any] = {
         "datasets": len(rows),
         "outcomes": _count_outcomes(rows),
+        "indistinguishable_without_proposal": sum(
+            row.verdict["verdict"] == "indistinguishable" and not row.verdict["next_experiment"] for row in rows
+        ),
         "kinds_confused": sum(are_kinds_confused(row.truth, row.verdict) for row in rows),
         "median_s": statistics.median(row.verdict["s"] for row in rows),
         "metrics": [metric._asdict() for metric in compute_metrics(rows)],

@@ -26,9 +26,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.hidden_effects import joints, walks
+from benchmarks.hidden_effects import follow_up, joint_follow_up, joints, walks
 from benchmarks.hidden_effects.catalogue import EXACT_TWINS
-from benchmarks.hidden_effects.follow_up import make_follow_up
 from benchmarks.hidden_effects.generate import make_dataset
 from benchmarks.hidden_effects.metrics import DatasetResult
 from benchmarks.hidden_effects.page import render_page
@@ -54,6 +53,11 @@ MAKERS: Mapping[str, Callable[..., Verdict]] = {
     "joint": joints.make_dataset,
 }
 """Rig -> function that makes a dataset."""
+FOLLOW_UP_MAKERS: Mapping[str, Callable[..., None]] = {
+    "bench": follow_up.make_follow_up,
+    "joint": joint_follow_up.make_follow_up,
+}
+"""Rig -> function that performs the proposed experiment; a verdict about walks proposes none."""
 
 
 def compute_code_digest(rig: str = "bench") -> str:
@@ -141,7 +145,7 @@ class BenchmarkRun:
         if verdict["verdict"] == "indistinguishable" and verdict["next_experiment"]:
             second_verdict = load_or_compute(
                 self._result_path(f"{name}_second", self._code_digests[rig]),
-                partial(self._run_follow_up, dataset, truth, verdict, excluded),
+                partial(self._run_follow_up, FOLLOW_UP_MAKERS[rig], dataset, truth, verdict, excluded),
             )
             second_outcome = score_follow_up(truth, second_verdict)
         own_result = DatasetResult(name, truth, verdict, score_verdict(truth, verdict), second_outcome)
@@ -156,7 +160,12 @@ class BenchmarkRun:
         return self._folder / "results" / f"{name}_{digest}.json"
 
     def _run_follow_up(
-        self, dataset: Path, truth: dict[str, Any], verdict: Verdict, excluded: tuple[str, ...]
+        self,
+        make_follow_up: Callable[..., None],
+        dataset: Path,
+        truth: dict[str, Any],
+        verdict: Verdict,
+        excluded: tuple[str, ...],
     ) -> Verdict:
         with tempfile.TemporaryDirectory() as folder:
             make_follow_up(dataset, truth, verdict["next_experiment"], Path(folder) / "again")

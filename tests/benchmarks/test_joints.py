@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks.hidden_effects import catalogue as benchmark
-from benchmarks.hidden_effects import joints, plan, run
+from benchmarks.hidden_effects import joint_follow_up, joints, plan, run
 from benchmarks.hidden_effects.joint_sizes import JointEffectSizer
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
 from klute_sim.datasets.mechanism_channels import parse_channel
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.planning.joint_proposals import list_rig_changes
 from klute_sim.effects import catalogue
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.mechanism.simulate import simulate_mechanism
@@ -35,7 +36,7 @@ def make_typical(name: str, form: str) -> dict:
 
 @cache
 def simulate_truth(*keys: tuple[str, str]) -> np.ndarray:
-    numbers = joints.build_joint(joints._load_nominal(), [make_typical(*key) for key in keys])
+    numbers = joints.build_joint(joints.load_nominal(), [make_typical(*key) for key in keys])
     return joints.simulate_channels(numbers, COMMANDS)["angle_joint"]
 
 
@@ -70,7 +71,7 @@ def test_joint_agrees_with_package(key: tuple[str, str] | None) -> None:
 
 
 def test_shorter_steps_change_nothing_that_shows() -> None:
-    numbers = joints.build_joint(joints._load_nominal(), [make_typical("joint_friction", "coulomb")])
+    numbers = joints.build_joint(joints.load_nominal(), [make_typical("joint_friction", "coulomb")])
     usual, fine = (joints.simulate_channels(numbers, COMMANDS, steps=n)["angle_joint"] for n in (4, 16))
     assert np.abs(usual - fine).max() < 0.01
 
@@ -118,10 +119,44 @@ def test_dataset_is_readable_and_its_effect_has_the_required_size(tmp_path: Path
 
 def test_law_error_changes_the_force_by_its_fraction() -> None:
     error = plan.plan_datasets("joint_imperfect", 3, 5)[2]["law_error"]
-    nominal = joints._load_nominal()
+    nominal = joints.load_nominal()
     numbers = joints.build_joint(nominal, ())
-    errors = joints._make_errors(error, "A")
+    errors = joints.make_errors(error, "A")
     bent = joints.simulate_channels(numbers, COMMANDS, errors=errors)["angle_joint"]
     assert 0.2 < np.sqrt(np.mean((bent - simulate_truth()) ** 2)) < 10.0
     sizer = JointEffectSizer(nominal, nominal, [COMMANDS])
     assert sizer.measure_size((), ()) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_follow_up_records_the_proposed_trial_on_the_hidden_joint(tmp_path: Path) -> None:
+    fault = {"name": "sensor_offset", "form": "offset", "channel": "angle_joint", "parameters": {"offset": 3.0}}
+    sealed = joints.make_dataset(tmp_path / "first", 5, truth=tmp_path / "truth.json", instruments=[fault])
+    changes = {
+        change.description: change for change in list_rig_changes(list(benchmark.JOINT_CHANNELS), joints.TENDONS)
+    }
+    encoder = next(name for name, change in changes.items() if "angle_joint" in change.reference_channels)
+    load_cell = next(name for name, change in changes.items() if "force_extensor" in change.added_channels)
+    rest_angles = {}
+    for description in (None, encoder, load_cell):
+        requested = {"protocol": "sine_4Hz", "mean_bar": 2.1, "difference_bar": 0.5, "rig_change": description}
+        joint_follow_up.make_follow_up(tmp_path / "first", sealed, requested, tmp_path / "second")
+        trials = {trial.name: trial for trial in load_dataset(tmp_path / "second").trials}
+        trial = trials["follow_up_b"]
+        assert trial.group == trials["follow_up_a"].group == "follow_up"
+        assert trial.trusted == ({"angle_joint"} if description == encoder else set())
+        assert ("force_extensor" in trial.measured) == (description == load_cell)
+        assert "force_extensor" not in trials["fit_1_a"].measured
+        commands = [trial.prescribed[f"pressure_command_{tendon}"].value / 1e5 for tendon in joints.TENDONS]
+        assert commands[0] + commands[1] == pytest.approx(np.full(len(commands[0]), 4.2), abs=0.02)
+        assert np.abs(commands[0] - commands[1]).max() / 2 == pytest.approx(0.5, abs=0.01)
+        rest_angles[description] = np.degrees(trial.measured["angle_joint"].value[:80].mean())
+    assert rest_angles[None] - rest_angles[encoder] == pytest.approx(3.0, abs=0.1)
+    assert set(run.FOLLOW_UP_MAKERS) == set(run.MAKERS) - {"gait"}
+
+
+def test_follow_up_reduces_a_difference_that_reaches_the_stops() -> None:
+    numbers = joints.build_joint(joints.load_nominal(), ())
+    requested = {"protocol": "step_up_100pct", "mean_bar": 2.1, "difference_bar": 2.1}
+    commands = joint_follow_up._build_commands(requested, numbers)
+    assert joints.stays_off_stops(numbers, commands)
+    assert 0.1e5 < np.ptp(commands[0]) < 2.0e5

@@ -379,7 +379,9 @@ def test_proposed_experiment_separates_rivals_on_a_joint(tmp_path: Path, monkeyp
     told = proposal.to_dict()
     assert told["separation_chi2"] > 6.0
     assert told["protocol"] == "sine_4Hz"
-    assert "bar, difference" in told["sentence"]
+    assert f"(mean {told['mean_bar']:.2f} bar, difference {told['difference_bar']:.2f} bar" in told["sentence"]
+    assert 1.0 < told["mean_bar"] < 4.0  # the range of the commands
+    assert 0.0 < told["difference_bar"] < 1.5
     assert told["rig_change"] is None or "second sensor of the position" in told["rig_change"]
     other = replace(dataset, mechanism=None)
     assert propose_joint_experiment(data, other, moved, leaning) is None

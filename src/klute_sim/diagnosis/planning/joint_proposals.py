@@ -4,7 +4,7 @@ As on the bench (:mod:`~klute_sim.diagnosis.planning.proposals`), with the tests
 data.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.mechanism.protocols import JointTrial, ProtocolSettings, plan_test
 from klute_sim.mechanism.run import find_joint, make_inputs
 from klute_sim.types import Array
-from klute_sim.units import BAR
 
 TIME_STEP = 1e-3
 """Time step of the simulation [s]."""
@@ -63,11 +62,7 @@ def propose_joint_experiment(
         if trial.name in PROPOSED_TRIALS
         for proposal in _evaluate_trial(data, dataset, declared, trial, joint, unit, best_fit, alternative)
     ]
-    description = (
-        f"(mean {settings.mean_pressure / BAR:.2f} bar, difference {settings.difference / BAR:.2f} bar; klute-sim plan "
-        f"--model)"
-    )
-    return choose_proposal(proposals)._replace(conditions=description)
+    return choose_proposal(proposals)._replace(settings=settings)
 
 
 def _read_settings(data: WeightedData) -> ProtocolSettings:
@@ -84,19 +79,21 @@ def _read_settings(data: WeightedData) -> ProtocolSettings:
     return ProtocolSettings(mean, min(difference, mean), 0.0)
 
 
-def _list_rig_changes(data: WeightedData, declared: DatasetMechanism) -> Iterator[RigChange]:
-    yield RigChange("with the rig as it is", ())
-    for name in data.noise:
+def list_rig_changes(measured: Collection[str], tendons: Iterable[str]) -> list[RigChange]:
+    """Return the changes of a rig with the ``measured`` channels that may be proposed; the first is none."""
+    changes = [RigChange("with the rig as it is", ())]
+    for name in measured:
         if parse_channel(name).quantity in MOTION_QUANTITIES:
-            yield RigChange("with a second sensor of the position", (name,))
-    for tendon in map(normalize_name, declared.devices):
+            changes.append(RigChange("with a second sensor of the position", (name,)))
+    for tendon in map(normalize_name, tendons):
         pressure, force = f"pressure_{tendon}", f"force_{tendon}"
-        if pressure in data.noise:
-            yield RigChange(f"with a second gauge at the muscle of '{tendon}'", (pressure,))
+        if pressure in measured:
+            changes.append(RigChange(f"with a second gauge at the muscle of '{tendon}'", (pressure,)))
         else:
-            yield RigChange(f"with a gauge at the muscle of '{tendon}'", (), (pressure,))
-        if force not in data.noise:
-            yield RigChange(f"with a load cell in the cable of '{tendon}'", (), (force,))
+            changes.append(RigChange(f"with a gauge at the muscle of '{tendon}'", (), (pressure,)))
+        if force not in measured:
+            changes.append(RigChange(f"with a load cell in the cable of '{tendon}'", (), (force,)))
+    return changes
 
 
 def _evaluate_trial(
@@ -109,7 +106,7 @@ def _evaluate_trial(
     best_fit: Fit,
     alternative: Fit,
 ) -> list[ExperimentProposal]:
-    changes = list(_list_rig_changes(data, declared))
+    changes = list_rig_changes(data.noise, declared.devices)
     channels = list(dict.fromkeys([*data.noise, *(name for change in changes for name in change.added_channels)]))
     time: Array = TIME_STEP * np.arange(1, round(trial.duration / TIME_STEP) + 1, dtype=np.float64)
     inputs = make_inputs(trial, declared.devices, joint, unit, time, has_load=False)

@@ -20,8 +20,9 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.least_squares import FINITE_DIFFERENCE_STEP, Fit, WeightedData
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD
 from klute_sim.errors import InputError
-from klute_sim.mechanism.protocols import JointTrial
+from klute_sim.mechanism.protocols import JointTrial, ProtocolSettings
 from klute_sim.types import Array
+from klute_sim.units import BAR
 
 TIME_STEP = 2.5e-4
 """Time step of the simulation [s]."""
@@ -71,8 +72,8 @@ class ExperimentProposal(NamedTuple):
     """Change of the rig."""
     separation_chi2: float
     """Chi squared, in independent samples of two repeats, by which the refitted models differ."""
-    conditions: str = ""
-    """Conditions of the trial of a joint, to follow its name."""
+    settings: ProtocolSettings | None = None
+    """Pressures of the trial of a joint; a protocol of the bench has none."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``verdict.json``."""
@@ -82,17 +83,28 @@ class ExperimentProposal(NamedTuple):
                 "of measurement does."
             )
         else:
-            name = f"'{self.protocol.name}' {self.conditions}".rstrip()
+            name, pressures = f"'{self.protocol.name}'", self._list_pressures()
+            if pressures:
+                listing = ", ".join(f"{key.removesuffix('_bar')} {value:.2f} bar" for key, value in pressures.items())
+                name += f" ({listing}; klute-sim plan --model)"
             sentence = (
                 f"Record protocol {name} twice, {self.rig_change.description}: the models then differ "
                 f"by a chi squared of about {self.separation_chi2:.0f} ({BIC_THRESHOLD:.0f} are decisive)."
             )
         return {
             "protocol": self.protocol.name,
+            **self._list_pressures(),
             "rig_change": None if self.rig_change.is_none else self.rig_change.description,
             "separation_chi2": round(self.separation_chi2, 1),
             "sentence": sentence,
         }
+
+    def _list_pressures(self) -> dict[str, float]:
+        """Return mean pressure and difference of the trial of a joint [bar] by key; empty for a protocol."""
+        if self.settings is None:
+            return {}
+        mean, difference = self.settings.mean_pressure / BAR, self.settings.difference / BAR
+        return {"mean_bar": round(mean, 4), "difference_bar": round(difference, 4)}
 
 
 def propose_experiment(data: WeightedData, device: Device, best_fit: Fit, alternative: Fit) -> ExperimentProposal:
