@@ -22,9 +22,12 @@ from klute_sim.diagnosis.experiments.simulator import Simulator, observe, simula
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
 from klute_sim.diagnosis.fitting.number_error import list_model_error_candidates
+from klute_sim.diagnosis.held_out import evaluate_held_out
+from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals
 from klute_sim.diagnosis.planning import joint_proposals
 from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
+from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.screening import list_candidate_terms
 from klute_sim.diagnosis.workflow import fit_base_device
@@ -212,6 +215,42 @@ def test_candidate_that_diverges_is_rejected_with_its_reason(tmp_path: Path, mon
     with pytest.raises(SimulationError, match="diverges"):  # outside of fits, a divergence is an error
         data.compute_residuals(hypothesis.with_term(term), [np.array([1.0])])
     simulator.close()
+
+
+def test_test_trial_that_diverges_leaves_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    options: dict[str, Any] = {"groups": ("fit_1", "test_1"), "repeats": 2, "seconds": 0.8}
+    dataset = load_dataset(joint.write_dataset(tmp_path, **options))
+    experiments = prepare_experiments(dataset, split_dataset(dataset))
+    test_command = next(float(e.command[0]) for e in experiments if e.use == "test")
+
+    def simulate(mechanism: Mechanism, devices: Any, inputs: Any, *args: Any, **options: Any) -> Any:
+        if abs(float(inputs[joint.INPUTS[0]][0]) - test_command) < 5e3:  # [Pa], as large as perturbations
+            raise SimulationError("the model diverges")
+        return simulate_mechanism(mechanism, devices, inputs, *args, **options)
+
+    monkeypatch.setattr(mechanism_experiments, "simulate_mechanism", simulate)
+    simulator = Simulator(2)
+    fitted = [e for e in experiments if e.use == "fit"]
+    scaled, _ = add_noise_scales(experiments, fitted, simulator)
+    assert [e.name for e in scaled] == [e.name for e in experiments]
+    assert [bool(e.noise_scale) for e in scaled] == [e.use == "fit" for e in experiments]
+    fit, data = fit_base_device(dataset, [e for e in scaled if e.use == "fit"], simulator)
+    diagnosis = Diagnosis(
+        dataset=dataset,
+        split=split_dataset(dataset),
+        verdict="nothing-missing",
+        reasons=[],
+        base_fit=fit,
+        final_fit=fit,
+        experiments=scaled,
+    )
+    evaluate_held_out(diagnosis, data)
+    simulator.close()
+    assert diagnosis.verdict == "unexplained"
+    assert "of 'test_1_0', 'test_1_1' with the declared numbers and with the refitted numbers" in diagnosis.reasons[0]
+    assert diagnosis.evaluated_on == "fit"
+    assert [e.name for e in diagnosis.evaluated_experiments] == ["fit_1_0", "fit_1_1"]
+    assert np.isfinite(diagnosis.channel_rms["angle_joint"].with_effects)
 
 
 def test_numbers_of_the_model_are_candidates_for_errors(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from tests.report.synthetic_diagnosis import axes_of, insufficient, without_effe
 
 def test_fitted_trials_are_not_presented_as_test_trials(diagnosis: Diagnosis) -> None:
     fitted = replace(diagnosis, evaluated_on="fit")
-    assert "there are no test trials" in words.describe_improvement(fitted)
-    assert "because there are no test trials" in page.render_page(fitted, {})
+    assert "there are no usable test trials" in words.describe_improvement(fitted)
+    assert "because there are no usable test trials" in page.render_page(fitted, {})
     trials = traces.simulate_shown_trials(fitted)
     assert [trial.experiment.name for trial in trials] == ["g0_0", "g0_1"]
     assert "fitted trial" in figures.build_overlay_figure(fitted, trials[0]).get_suptitle()

@@ -1,11 +1,12 @@
 """Evaluation on the test trials, with which nothing was chosen: do they confirm what was named?"""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from klute_sim.diagnosis import data_quality
+from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.least_squares import WeightedData
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
@@ -23,6 +24,8 @@ MIN_SHARE_FRACTION = 0.5
 MAX_UNSEEN_MISFIT = 1.0
 """Largest misfit of the test trials, over the noise, with which nothing is missing (assumed: other trials may show a
 quarter of the noise, and test trials may go where those have not been)."""
+NOMINAL_MODEL, BASE_MODEL, FINAL_MODEL = "the declared numbers", "the refitted numbers", "the added effects"
+"""Models that are evaluated."""
 NEGLIGIBLE_GAP = 0.15
 """Squared gap beyond noise, over the squared noise, that counts as none (assumed: sampling of the noise)."""
 
@@ -32,14 +35,41 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
 
     A complete model must take most of the gap beyond noise. A model of an imperfect law must take at least half of the
     share there that it takes of the trials that were left out. Nothing is missing, and a model is complete, only if the
-    repeats of test trials share no large misfit. ``data`` hold the fitted trials with the noise between repeats.
+    repeats of test trials share no large misfit. Where the simulation of a test trial diverges, the prediction of this
+    trial failed. ``data`` hold the fitted trials with the noise between repeats.
     """
     evaluated, residuals = _compute_residuals(diagnosis, data)
-    if diagnosis.evaluated_on != "test":
+    if diagnosis.evaluated_on == "test":
+        judge_misfit(diagnosis, estimate_misfit(evaluated.experiments, residuals, data.noise))
+        if diagnosis.added_terms:
+            judge_names(diagnosis)
+    judge_divergence(diagnosis)
+
+
+def judge_divergence(diagnosis: Diagnosis) -> None:
+    """State which test trials cannot be simulated; a verdict whose model cannot simulate one is `unexplained`.
+
+    Where only the model without effects can, it is the one that is recommended.
+    """
+    if not diagnosis.diverged_trials:
         return
-    judge_misfit(diagnosis, estimate_misfit(evaluated.experiments, residuals, data.noise))
+    by_trials: dict[tuple[str, ...], list[str]] = {}
+    for model, names in diagnosis.diverged_trials.items():
+        by_trials.setdefault(names, []).append(model)
+    clauses = [f"of {', '.join(map(repr, names))} with {' and with '.join(m)}" for names, m in by_trials.items()]
+    diagnosis.reasons.insert(
+        0,
+        f"The simulation {'; and '.join(clauses)} diverges: the prediction of such a test trial failed, and the gap "
+        "leaves it out. Look for what sets it apart (loads, stops, pressures), or give it to the fit as well.",
+    )
+    failures = set(diagnosis.diverged_trials.get(FINAL_MODEL if diagnosis.added_terms else BASE_MODEL, ()))
+    if not failures:
+        return
+    diagnosis.verdict = "unexplained"
     if diagnosis.added_terms:
-        judge_names(diagnosis)
+        diagnosis.held_out = "not-confirmed"
+        if failures - set(diagnosis.diverged_trials.get(BASE_MODEL, ())):
+            diagnosis.is_worse_on_test = True
 
 
 def judge_misfit(diagnosis: Diagnosis, misfits: Mapping[str, Misfit]) -> None:
@@ -105,21 +135,36 @@ def _compare_without_noise(diagnosis: Diagnosis) -> list[Array]:
 
 
 def _compute_residuals(result: Diagnosis, data: WeightedData) -> tuple[WeightedData, Residuals]:
-    """Set the residuals of each channel on the test trials, or on the fitted trials where there are none.
+    """Set the residuals of each channel on the test trials, or on the fitted trials where none can be simulated.
 
     Returns these trials, and their residuals of the final fit.
     """
-    held_out = [e for e in result.experiments if e.use == "test" and e.measured]
-    result.evaluated_on = "test" if held_out else "fit"
-    evaluated = data.with_experiments(held_out or data.experiments)
     assert result.base_fit is not None
     assert result.final_fit is not None
     nominal, base_fit, final_fit = result.base_fit.hypothesis, result.base_fit, result.final_fit
+    models = {
+        NOMINAL_MODEL: (nominal, nominal.initial_point()),
+        BASE_MODEL: (base_fit.hypothesis, base_fit.x),
+        FINAL_MODEL: (final_fit.hypothesis, final_fit.x),  # equals that before without added effects
+    }
+    result.evaluated_on = "test"
+    test_data = data.with_experiments(result.evaluated_experiments)
+    by_model = {
+        model: test_data.compute_residuals(hypothesis, [x], may_diverge=True)[0]
+        for model, (hypothesis, x) in models.items()
+    }
+    result.diverged_trials = _find_diverged_trials(test_data.experiments, by_model)
+    if not result.added_terms:
+        result.diverged_trials.pop(FINAL_MODEL, None)
+    evaluated = data.with_experiments(result.evaluated_experiments)
+    names = {e.name for e in evaluated.experiments}
     residuals = [
-        evaluated.compute_residuals(nominal, [nominal.initial_point()])[0],
-        evaluated.compute_residuals(base_fit.hypothesis, [base_fit.x])[0],
-        evaluated.compute_residuals(final_fit.hypothesis, [final_fit.x])[0],
+        [row for e, row in zip(test_data.experiments, rows, strict=True) if e.name in names]
+        for rows in by_model.values()
     ]
+    if not evaluated.experiments:
+        result.evaluated_on, evaluated = "fit", data
+        residuals = [evaluated.compute_residuals(hypothesis, [x])[0] for hypothesis, x in models.values()]
     noise = data.noise if data_quality.has_repeats(data.experiments) else {}
     unscaled = [replace(e, noise_scale={}) for e in evaluated.experiments]
     noise = {**noise, **repeats.estimate_noise_from_repeats(unscaled, residuals[2])}
@@ -147,3 +192,18 @@ def _compute_residuals(result: Diagnosis, data: WeightedData) -> tuple[WeightedD
             nominal=rms[0], refitted=rms[1], with_effects=rms[2], noise_floor=noise_floor
         )
     return evaluated, residuals[2]
+
+
+def _find_diverged_trials(
+    experiments: Sequence[Experiment], residuals: Mapping[str, Residuals]
+) -> dict[str, tuple[str, ...]]:
+    """Return model -> names of the trials whose ``residuals`` (by model) are infinite."""
+    diverged = {
+        model: tuple(
+            e.name
+            for e, row in zip(experiments, rows, strict=True)
+            if not all(np.isfinite(values).all() for values in row.values())
+        )
+        for model, rows in residuals.items()
+    }
+    return {model: names for model, names in diverged.items() if names}

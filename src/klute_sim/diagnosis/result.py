@@ -79,6 +79,8 @@ class Diagnosis:
     """Whether the test trials confirm the added effects; 'not-tested' without effects or test trials."""
     is_worse_on_test: bool = False
     """Whether the refitted device without effects predicts the test trials better."""
+    diverged_trials: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Model -> test trials in which its simulation diverges; :attr:`channel_rms` leaves them out."""
     misfit_regions: list[MisfitRegion] = field(default_factory=list)
     """Channels and conditions in which the base fit deviates, largest deviation first."""
     equation_residuals: list[EquationResidual] = field(default_factory=list)
@@ -88,7 +90,7 @@ class Diagnosis:
     channel_rms: dict[str, ChannelRms] = field(default_factory=dict)
     """Residuals of each channel on the evaluated trials."""
     evaluated_on: Literal["test", "fit"] = "test"
-    """Trials of :attr:`channel_rms`: test trials, or fitted trials where no test trial exists."""
+    """Trials of :attr:`channel_rms`: test trials, or fitted trials where no test trial exists or can be simulated."""
     experiments: list[Experiment] = field(default_factory=list)
     """All trials, ready to be simulated."""
     fitted_experiments: list[Experiment] = field(default_factory=list)
@@ -108,6 +110,12 @@ class Diagnosis:
     None without a fit."""
     n_simulations: int = 0
     """Number of simulations."""
+
+    @property
+    def evaluated_experiments(self) -> list[Experiment]:
+        """Trials of :attr:`channel_rms`."""
+        diverged = {name for names in self.diverged_trials.values() for name in names}
+        return [e for e in self.experiments if e.use == self.evaluated_on and e.measured and e.name not in diverged]
 
     @property
     def recommended_fit(self) -> Fit:

@@ -18,7 +18,7 @@ from klute_sim.types import Array
 
 @dataclass(frozen=True)
 class ChannelPrediction:
-    """Errors of prediction of one channel over all trials, root mean square [SI]."""
+    """Errors of prediction of one channel over all trials, rms [SI]; infinite where a simulation diverges."""
 
     nominal: float
     """Error of the other dataset's device as declared."""
@@ -42,19 +42,25 @@ class TransferPrediction:
     """Which device the diagnosis recommends: 'with-effects' or 'without-effects'."""
 
     def to_dict(self) -> dict[str, object]:
-        """Return the errors in the units of their channels, for JSON."""
+        """Return the errors in the units of their channels, for JSON; None where a simulation diverges."""
         rows = {}
         for channel, p in self.channels.items():
             unit, si = CHANNEL_UNITS[channel]
             rows[channel] = {
                 "unit": unit,
-                "nominal": p.nominal / si,
-                "refitted": p.refitted / si,
-                "with_effects": p.with_effects / si,
+                "nominal": _get_finite(p.nominal / si),
+                "refitted": _get_finite(p.refitted / si),
+                "with_effects": _get_finite(p.with_effects / si),
                 "range": p.measured_range / si,
-                "with_effects_pct_of_range": 100.0 * p.with_effects / p.measured_range if p.measured_range else None,
+                "with_effects_pct_of_range": _get_finite(100.0 * p.with_effects / p.measured_range)
+                if p.measured_range
+                else None,
             }
         return {"dataset": self.dataset_name, "recommended": self.recommended, "channels": rows}
+
+
+def _get_finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> TransferPrediction:
@@ -83,7 +89,7 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
     simulator = Simulator(n_jobs)
     try:
         residuals = [
-            WeightedData(simulator, experiments, {}).compute_residuals(hypothesis, [x])[0]
+            WeightedData(simulator, experiments, {}).compute_residuals(hypothesis, [x], may_diverge=True)[0]
             for hypothesis, x in candidates
         ]
     finally:

@@ -128,13 +128,12 @@ class Simulator:
         responses = dict(zip(keys, self._pool.map(simulate, keys), strict=True))
         for key in list(self._cache)[:-MAX_CACHED_SIMULATIONS]:
             del self._cache[key]
-        readings = [
+        readings = (
             _make_infinite_readings(e) if response is None else observe(s, e, response)
             for s, e in runs
             for response in (responses[s._replace(sensors=()), e],)
-        ]
-        width = len(experiments)
-        return [readings[k : k + width] for k in range(0, len(readings), width)]
+        )
+        return [[next(readings) for _ in row] for row in setups]
 
     def _simulate_one(self, setup: SimulationSetup, experiment: Experiment, *, coarse: bool) -> DeviceResponse:
         if coarse:

@@ -39,13 +39,16 @@ def add_noise_scales(
     """Return ``experiments`` with noise scales, and remarks about trials that count less.
 
     The root mean square of the scales over the repeats of ``fit_experiments`` is 1. Channels without repeats keep a
-    scale of 1. In a channel that does not respond to one of the inputs, only the timing of the pressure changes the
-    scale.
+    scale of 1, and so does a test trial whose simulation diverges. In a channel that does not respond to one of the
+    inputs, only the timing of the pressure changes the scale.
+
+    Raises SimulationError when the simulation of another trial diverges.
     """
-    rows = _compute_sensitivities(experiments, simulator)
+    sensitivities = _compute_sensitivities(experiments, simulator)
+    all_experiments, experiments = experiments, [e for e in experiments if e.name in sensitivities]
+    rows = [sensitivities[e.name] for e in experiments]
     input_errors = _compute_input_errors(experiments, rows, simulator)
     stated_variances = _compute_stated_variances(experiments, rows, simulator)
-    sensitivities = {e.name: row for e, row in zip(experiments, rows, strict=True)}
     all_residuals = [
         {channel: series.value - row[channel][0] for channel, series in e.measured.items()}
         for e, row in zip(experiments, rows, strict=True)
@@ -64,7 +67,7 @@ def add_noise_scales(
         channel: _fit_variance_model(fit_experiments, residuals, sensitivities, channel)
         for channel in list_channels(fit_experiments)
     }
-    scaled = []
+    scaled = {}
     for e, row, errors, stated in zip(experiments, rows, input_errors, stated_variances, strict=True):
         scales: dict[str, Array] = {}
         input_error_scales: dict[str, Array] = {}
@@ -79,9 +82,11 @@ def add_noise_scales(
                     noise_variance = scales[channel] ** 2 * model.mean_variance
                     shared = np.maximum(0.0, stated.get(channel, 0.0) - MAX_REPEATED_RATIO * noise_variance)
                     error = errors.get(channel, 0.0) + INPUT_ERROR_SIGMAS**2 * shared
-                    input_error_scales[channel] = np.sqrt(1.0 + error / noise_variance)
-        scaled.append(replace(e, noise_scale=scales, input_error_scale=input_error_scales))
-    return scaled, [*describe_noisy_trials(experiments, noise_ratios), *_describe_slow_inputs(experiments)]
+                    if np.isfinite(error).all():
+                        input_error_scales[channel] = np.sqrt(1.0 + error / noise_variance)
+        scaled[e.name] = replace(e, noise_scale=scales, input_error_scale=input_error_scales)
+    remarks = [*describe_noisy_trials(experiments, noise_ratios), *_describe_slow_inputs(experiments)]
+    return [scaled.get(e.name, e) for e in all_experiments], remarks
 
 
 def _describe_slow_inputs(experiments: Sequence[Experiment]) -> list[str]:
@@ -109,7 +114,7 @@ def _compute_input_errors(
         setup = SimulationSetup(e.device.parameters)
         variance: dict[str, Array] = {}
         for variants in e.input_variants:
-            readings = [simulator.simulate([[setup]], [variant])[0][0] for variant in variants]
+            readings = [_simulate_variant(setup, variant, simulator) for variant in variants]
             for channel, values in row.items():
                 squares = np.mean([(reading[channel] - values[0]) ** 2 for reading in readings], axis=0)
                 variance[channel] = variance.get(channel, 0.0) + INPUT_ERROR_SIGMAS**2 * squares
@@ -127,7 +132,7 @@ def _compute_stated_variances(
     variances = []
     for e, row in zip(experiments, rows, strict=True):
         setup = SimulationSetup(e.device.parameters)
-        readings = [simulator.simulate([[setup]], [variant])[0][0] for variant in e.noisy_variants]
+        readings = [_simulate_variant(setup, variant, simulator) for variant in e.noisy_variants]
         variances.append(
             {
                 channel: np.sum([(reading[channel] - values[0]) ** 2 for reading in readings], axis=0)
@@ -136,6 +141,11 @@ def _compute_stated_variances(
             }
         )
     return variances
+
+
+def _simulate_variant(setup: SimulationSetup, variant: Experiment, simulator: Simulator) -> dict[str, Array]:
+    """Return the readings of ``variant``; infinite where the simulation of a test trial diverges."""
+    return simulator.simulate([[setup]], [variant], may_diverge=variant.use == "test")[0][0]
 
 
 class _VarianceModel(NamedTuple):
@@ -147,31 +157,45 @@ class _VarianceModel(NamedTuple):
     """Mean variance [SI^2]."""
 
 
-def _compute_sensitivities(experiments: Sequence[Experiment], simulator: Simulator) -> list[dict[str, Array]]:
-    """Return channel -> (4, samples) for each experiment.
+def _compute_sensitivities(experiments: Sequence[Experiment], simulator: Simulator) -> dict[str, dict[str, Array]]:
+    """Return trial -> channel -> (4, samples), without test trials whose simulation diverges.
 
     The rows are the simulated reading [SI] and the squares of its changes [SI^2] for a perturbed pressure, for a
     perturbed mechanical input, and for a command that is one time step late.
     """
-    variants = [experiments, *zip(*(e.perturb_inputs(_delay_command) for e in experiments), strict=True)]
-    readings = [
-        simulator.simulate([[SimulationSetup(e.device.parameters) for e in variant]], variant)[0]
-        for variant in variants
-    ]
-    return [
-        {
-            channel: np.stack(
-                [
-                    nominal[channel],
-                    (pressure[channel] - nominal[channel]) ** 2,
-                    (mechanical[channel] - nominal[channel]) ** 2,
-                    ((delayed[channel] - nominal[channel]) / COARSE_STEP_FACTOR) ** 2,
-                ]
-            )
-            for channel in nominal
-        }
-        for nominal, pressure, mechanical, delayed in zip(*readings, strict=True)
-    ]
+    sensitivities = {}
+    for is_test in (False, True):
+        trials = [e for e in experiments if (e.use == "test") == is_test]
+        perturbed = zip(*(e.perturb_inputs(_delay_command) for e in trials), strict=True)
+        readings = [
+            simulator.simulate([[SimulationSetup(e.device.parameters) for e in variant]], variant, may_diverge=is_test)[
+                0
+            ]
+            for variant in (trials, *perturbed)
+        ]
+        for e, *rows in zip(trials, *readings, strict=True):
+            if all(np.isfinite(values).all() for row in rows for values in row.values()):
+                sensitivities[e.name] = _square_changes(*rows)
+    return sensitivities
+
+
+def _square_changes(
+    nominal: Mapping[str, Array],
+    pressure: Mapping[str, Array],
+    mechanical: Mapping[str, Array],
+    delayed: Mapping[str, Array],
+) -> dict[str, Array]:
+    return {
+        channel: np.stack(
+            [
+                reading,
+                (pressure[channel] - reading) ** 2,
+                (mechanical[channel] - reading) ** 2,
+                ((delayed[channel] - reading) / COARSE_STEP_FACTOR) ** 2,
+            ]
+        )
+        for channel, reading in nominal.items()
+    }
 
 
 def _delay_command(command: Array) -> Array:

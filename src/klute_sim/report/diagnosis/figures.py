@@ -50,7 +50,7 @@ def build_overlay_figure(diagnosis: Diagnosis, simulated: SimulatedTrial) -> "Fi
         axes[-1].set_xlabel("time from the start of the trial [s]")
         axes[-1].set_xlim(0.0, simulated.experiment.duration)
         figure.align_ylabels()
-        use = "test trial" if diagnosis.evaluated_on == "test" else "fitted trial; there are no test trials"
+        use = "test trial" if diagnosis.evaluated_on == "test" else "fitted trial; there are no usable test trials"
         figure.suptitle(f"trial '{simulated.experiment.name}' ({use})")
     return figure
 

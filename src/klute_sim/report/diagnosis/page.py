@@ -349,7 +349,7 @@ def _list_limitations(diagnosis: Diagnosis) -> list[str]:
             )
         if diagnosis.evaluated_on == "fit":
             limitations.append(
-                "Predictions of the result: there are no test trials, so the gap is that of fitted trials."
+                "Predictions of the result: there are no usable test trials, so the gap is that of fitted trials."
             )
     measured = {channel for trial in diagnosis.dataset.trials for channel in trial.measured}
     missing = [

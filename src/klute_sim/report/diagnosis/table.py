@@ -1,6 +1,7 @@
 """Terminal summary of a diagnosis: sentences and tables."""
 
 from collections.abc import Iterator
+from math import isfinite
 
 from rich.table import Table
 
@@ -53,15 +54,16 @@ def build_prediction_table(prediction: TransferPrediction) -> Table:
     for channel, p in prediction.channels.items():
         unit, si = CHANNEL_UNITS[channel]
         best = p.with_effects if prediction.recommended == "with-effects" else p.refitted
-        fraction = f"{100.0 * best / p.measured_range:.1f}" if p.measured_range else "-"
-        cells = (f"{value / si:.3g}" for value in (p.nominal, p.refitted, p.with_effects))
+        fraction = f"{100.0 * best / p.measured_range:.1f}" if p.measured_range and isfinite(best) else "-"
+        errors = (p.nominal, p.refitted, p.with_effects)
+        cells = (f"{value / si:.3g}" if isfinite(value) else "diverges" for value in errors)
         table.add_row(channel, unit, *cells, fraction)
     return table
 
 
 def build_gap_table(diagnosis: Diagnosis) -> Table:
     """Return the root mean square of measured minus simulated values of each channel."""
-    trials = "test trials" if diagnosis.evaluated_on == "test" else "fitted trials (no test trial)"
+    trials = "test trials" if diagnosis.evaluated_on == "test" else "fitted trials (no usable test trial)"
     headings = ("channel", "unit", "nominal", "refitted", "with effects", "repeat noise")
     table = Table(*headings, title=f"Measured - simulated (rms) on {trials}")
     for channel, rms in diagnosis.channel_rms.items():

@@ -211,7 +211,9 @@ def describe_improvement(diagnosis: Diagnosis) -> str:
     gap = diagnosis.channel_rms[worst]
     values = (gap.refitted, gap.with_effects, gap.noise_floor or 0.0)
     before, after, floor = (f"{format_number(value / si, 3)} {unit}" for value in values)
-    trials = "test trials" if diagnosis.evaluated_on == "test" else "the fitted trials (there are no test trials)"
+    trials = (
+        "test trials" if diagnosis.evaluated_on == "test" else "the fitted trials (there are no usable test trials)"
+    )
     channel = humanize_identifier(worst)
     if not diagnosis.added_terms:
         return f"On {trials}, simulated and measured {channel} differ by {before} rms; the noise alone is {floor}."

@@ -28,7 +28,7 @@ def simulate_shown_trials(diagnosis: Diagnosis) -> list[SimulatedTrial]:
     base, final = diagnosis.base_fit, diagnosis.final_fit
     if base is None or final is None:
         return []
-    shown = [e for e in diagnosis.experiments if e.use == diagnosis.evaluated_on and e.measured]
+    shown = diagnosis.evaluated_experiments
     simulator = Simulator()
     try:
         before, after = simulator.simulate(

@@ -101,7 +101,7 @@ def format_page(diagnosis: Diagnosis) -> str:
         rows.append(
             [words.humanize_identifier(channel), unit, *(None if value is None else value / si for value in values)]
         )
-    trials = "test trials" if d.evaluated_on == "test" else "the fitted trials (there are no test trials)"
+    trials = "test trials" if d.evaluated_on == "test" else "the fitted trials (there are no usable test trials)"
     paragraphs.append(f"## Gap: root mean square of measured minus simulated values, on {trials}")
     paragraphs.append(
         stream.format_markdown_table(["channel", "unit", "nominal", "refitted", "with effects", "repeat noise"], rows)
