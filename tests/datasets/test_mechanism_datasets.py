@@ -18,6 +18,7 @@ measured = ["angle_joint", "force_flexor"]"""
 HEAD = 'format = "klute-sim-dataset/2"\nrig = "mjcf"\ndevice = "klute-3-4-pair"\n'
 MODEL = 'model = "antagonist_joint"'
 TRIAL = '\n[[trial]]\nfiles = ["a.csv"]\n'
+VALID = HEAD + MODEL + CHANNELS + TRIAL
 TIME = np.linspace(0.0, 1.0, 101)
 
 
@@ -77,6 +78,23 @@ changes = { "tendon.slack_length_mm" = 95 }
     assert only_trial.measured["angle_joint"].value[0] == pytest.approx(np.radians(20.0))
 
 
+def test_initial_state_of_a_trial_is_stated_with_units(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text("utf-8")
+    (initial,) = re.findall(r"^```toml\n(\[trial.initial\]\n.*?)^```", page, re.MULTILINE | re.DOTALL)
+    state = load(tmp_path, HEAD + MODEL + CHANNELS + TRIAL + initial).trials[0].initial_state
+    assert state.positions == pytest.approx({"joint": np.pi / 6})
+    assert state.velocities == pytest.approx({"joint": -np.pi / 2})
+    assert state.pressures == pytest.approx({"flexor": 1.5e5})
+
+
+def test_initial_state_of_a_slide_is_stated_with_units(tmp_path: Path) -> None:
+    channels = '\nprescribed = ["pressure_command_muscle"]\nmeasured = ["force_muscle"]'
+    initial = '[trial.initial]\nposition_guide = "5 mm"\nvelocity_guide = "20 mm/s"\n'
+    columns = {"pressure_command_muscle [bar]": 2.0 + TIME, "force_muscle [N]": 20.0 + TIME}
+    dataset = load(tmp_path, HEAD + 'model = "hanging_mass"' + channels + TRIAL + initial, **columns)
+    assert dataset.trials[0].initial_state == ({"guide": 0.005}, {"guide": 0.02}, {})
+
+
 def test_every_tendon_has_the_device_by_default(tmp_path: Path) -> None:
     dataset = load(tmp_path, HEAD + MODEL + CHANNELS + TRIAL)
     assert dataset.mechanism is not None
@@ -111,6 +129,18 @@ def test_model_in_the_folder_belongs_to_the_digest(tmp_path: Path) -> None:
         (HEAD + MODEL + CHANNELS + '\n[uncertain]\n"model.geom.x.mass" = 1\n' + TRIAL, "is not a numeric key"),
         (HEAD.replace("mjcf", "bench") + MODEL + TRIAL, "'model' is for rig = 'mjcf'"),
         (HEAD.replace("mjcf", "bench") + TRIAL + '[trial.numbers]\n"model.geom.load.mass" = 1\n', "for rig = 'mjcf'"),
+        (HEAD.replace("mjcf", "bench") + TRIAL + '[trial.initial]\nvelocity_joint = "1 rad/s"\n', "for rig = 'mjcf'"),
+        (
+            VALID + '[trial.initial]\nvelocity_elbow = "1 rad/s"\n',
+            "did you mean 'velocity_joint'",
+        ),
+        (VALID + '[trial.initial]\nvelocity_joint = "90 deg"\n', "unit of the wrong kind; allowed: deg/s, rad/s"),
+        (VALID + "[trial.initial]\nvelocity_joint = 3\n", "trial.1.initial.velocity_joint = 3"),
+        (VALID + '[trial.initial]\npressure_flexor = "-1 bar"\n', "allowed: a gauge pressure of 0 or more"),
+        (
+            VALID.replace('"angle_joint", ', "") + '[trial.initial]\nvelocity_joint = "1 rad/s"\n',
+            "whose position is not known; state angle_joint",
+        ),
         (HEAD.replace("mjcf", "joint") + TRIAL, "'bench', 'gait' or 'mjcf'"),
         (HEAD + MODEL + CHANNELS.replace("angle_joint", "moment_joint, site_x_tip") + TRIAL, "is not of the form"),
     ],

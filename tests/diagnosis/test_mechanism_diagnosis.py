@@ -85,6 +85,34 @@ def test_trial_that_begins_in_motion_starts_with_the_measured_velocity(tmp_path:
     resting = replace(cut, initial_velocities={}, initial_pressures={})
     worse = cut.measured["angle_joint"].value - observe(setup, cut, resting.simulate(setup))["angle_joint"]
     assert np.std(residual) < 0.5 * np.std(worse)
+    with (tmp_path / "dataset.toml").open("a") as stated_file:
+        stated_file.write(f'[trial.initial]\nvelocity_joint = "{true_velocity} rad/s"\npressure_flexor = "170 kPa"\n')
+    dataset = load_dataset(tmp_path)
+    (stated,) = prepare_experiments(dataset, split_dataset(dataset))
+    assert isinstance(stated, MechanismExperiment)
+    assert stated.initial_velocities == pytest.approx({"joint": true_velocity})
+    assert stated.initial_pressures == pytest.approx({"flexor": 1.7e5})
+    assert stated.measured["angle_joint"].time[0] < stated.start_time + 0.2 * stated.duration  # the usual warm-up
+
+
+def test_joint_that_is_held_and_released_starts_where_it_is_stated(tmp_path: Path) -> None:
+    initial = '[trial.initial]\nangle_joint = "40 deg"\n'
+    (resting,), hypothesis = prepare(tmp_path / "resting", **SHORT)
+    (setup,) = hypothesis.build_setups(np.zeros(0), [resting])
+    joint.write_dataset(tmp_path / "held", **SHORT)
+    angles = {}
+    for velocity in ("", 'velocity_joint = "0 deg/s"\n'):
+        text = (tmp_path / "resting" / "dataset.toml").read_text()
+        (tmp_path / "held" / "dataset.toml").write_text(text + initial + velocity)
+        dataset = load_dataset(tmp_path / "held")
+        (held,) = prepare_experiments(dataset, split_dataset(dataset))
+        angles[bool(velocity)] = np.degrees(held.simulate(setup).read_channel("angle_joint"))
+    rest_angle = np.degrees(resting.simulate(setup).read_channel("angle_joint")[0])
+    assert angles[False][0] == pytest.approx(rest_angle, abs=1e-3)  # the equilibrium is sought from there
+    assert angles[True][0] == pytest.approx(40.0)
+    assert angles[True][1] == pytest.approx(40.0, abs=0.05)
+    assert abs(rest_angle - 40.0) > 5.0
+    assert np.abs(angles[True] - 40.0).max() > 5.0
 
 
 def test_channels_of_a_mechanism_have_units() -> None:

@@ -12,9 +12,10 @@ from klute_sim.datasets import format as file_format
 from klute_sim.datasets.channels import TENSION_CHANNELS, ChannelSource, RigName
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
 from klute_sim.datasets.format import DatasetFile, TrialEntry
+from klute_sim.datasets.initial_state import check_initial_state, parse_initial_state
 from klute_sim.datasets.mechanism import DatasetMechanism, check_model_numbers, load_dataset_mechanism
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses
-from klute_sim.datasets.trial import SensorLimits, TimeSeries, Trial, TrialChannels, read_trial
+from klute_sim.datasets.trial import InitialState, SensorLimits, TimeSeries, Trial, TrialChannels, read_trial
 from klute_sim.device import device as device_files
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
@@ -189,10 +190,14 @@ class _TrialPlan(NamedTuple):
     """Tendon -> device with the changes of the trial."""
     model_numbers: Mapping[str, float]
     """Numbers of the model that differ from its file."""
+    initial_state: InitialState
+    """Stated initial state."""
 
     def build_trial(self, files: tuple[Path, ...], channels: TrialChannels, source: str) -> Trial:
         """Return the trial with the ``channels`` of its ``files``."""
         name = self.split_entry.name
+        place = f"{source}, trial '{name}'"
+        check_initial_state(self.initial_state, channels.measured, place)
         return Trial(
             name=name,
             group=self.split_entry.group,
@@ -201,12 +206,13 @@ class _TrialPlan(NamedTuple):
             files=files,
             prescribed=channels.prescribed,
             measured=channels.measured,
-            trusted=_validate_trusted(self.entry.trusted, channels.measured, f"{source}, trial '{name}'"),
+            trusted=_validate_trusted(self.entry.trusted, channels.measured, place),
             specimen=self.entry.specimen or "",
             input_noise=self.input_noise,
             limits={channel: limits for channel, limits in self.limits.items() if channel in channels.measured},
             devices=self.devices,
             model_numbers=self.model_numbers,
+            initial_state=self.initial_state,
         )
 
 
@@ -232,20 +238,20 @@ def _plan_trials(
         mapping = parse_mapping(file.columns, entry.columns, channels, source, place, heading_row)
         changed_device = device.with_changes(entry.device, place)
         devices: dict[str, Device] = {}
+        numbers: dict[str, float] = {}
+        initial_state = InitialState()
         if mechanism is not None:
             devices = {name: each.with_changes(entry.device, place) for name, each in mechanism.devices.items()}
-        numbers = _collect_model_numbers(entry, mechanism, place)
-        plans.append(_TrialPlan(entry, split_entry, changed_device, noise, limits, mapping, devices, numbers))
+            changes = check_model_numbers(entry.numbers, mechanism.model_values, f"{place}: [trial.numbers]")
+            numbers = {**mechanism.numbers, **changes}
+            initial_state = parse_initial_state(entry.initial, mechanism, f"{place}: [trial.initial]")
+        elif entry.numbers or entry.initial:
+            key = "numbers" if entry.numbers else "initial"
+            raise InputError(f"{place}: [trial.{key}] is for rig = 'mjcf'; remove it, or change the rig")
+        plans.append(
+            _TrialPlan(entry, split_entry, changed_device, noise, limits, mapping, devices, numbers, initial_state)
+        )
     return plans
-
-
-def _collect_model_numbers(entry: TrialEntry, mechanism: DatasetMechanism | None, place: str) -> dict[str, float]:
-    if mechanism is None:
-        if entry.numbers:
-            raise InputError(f"{place}: [trial.numbers] is for rig = 'mjcf'; remove it, or change the rig")
-        return {}
-    changes = check_model_numbers(entry.numbers, mechanism.model_values, f"{place}: [trial.numbers]")
-    return {**mechanism.numbers, **changes}
 
 
 def _check_unmapped(unmapped: Sequence[Mapping[str, str]]) -> list[str]:

@@ -125,6 +125,8 @@ class TrialEntry(_Section):
     """Measured channels whose instrument is known to be correct in this trial, such as a calibrated load cell."""
     numbers: Numbers = {}
     """Numbers of the model that differ in this trial, such as a load."""
+    initial: dict[str, Name] = {}
+    """Position, velocity or pressure at the start of this trial -> value with a unit; on a mechanism."""
 
 
 class DatasetFile(_Section):
@@ -173,6 +175,7 @@ _ALLOWED_VALUES: dict[str, str] = {
     "devices": "a table [devices.TENDON] with 'device' (a file or a preset) and 'changes' (\"section.key\" = number)",
     "numbers": 'a table of "model.joint.elbow.damping" = number',
     "trial.numbers": 'a table of "model.geom.load.mass" = number',
+    "trial.initial": "a table of velocity_elbow = '90 deg/s', with positions, velocities or pressures",
     "device": "a preset, or the path of a device file, as text",
     "uncertain": "a table of \"section.key\" = '10 %'",
     "accept": "a list of names of findings, such as 'force-unit'",

@@ -49,6 +49,17 @@ class SensorLimits(NamedTuple):
     """Largest reading [SI]; inf without one."""
 
 
+class InitialState(NamedTuple):
+    """Stated positions, velocities and pressures of a mechanism at the start of a trial."""
+
+    positions: Mapping[str, float] = {}
+    """Joint -> position [rad or m]."""
+    velocities: Mapping[str, float] = {}
+    """Joint -> velocity [rad/s or m/s] with which it starts at its position; other joints start in equilibrium."""
+    pressures: Mapping[str, float] = {}
+    """Tendon -> gauge pressure in the muscle of its device [Pa]."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trial:
     """One recording with one device."""
@@ -79,6 +90,8 @@ class Trial:
     """Tendon -> its device with the changes of this trial; empty without a mechanism."""
     model_numbers: Mapping[str, float] = field(default_factory=dict)
     """Numbers of the model that differ from its file; empty without a mechanism."""
+    initial_state: InitialState = field(default_factory=InitialState)
+    """Stated initial state; empty without a mechanism."""
 
 
 class TrialChannels(NamedTuple):

@@ -11,8 +11,10 @@ EXAMPLE_UNITS = {
     "Pa": "bar, kPa, MPa, psi, Pa",
     "rad": "deg, rad",
     "N*m": "N*m, kgf*m, lbf*ft",
+    "rad/s": "deg/s, rad/s",
+    "m/s": "mm/s, m/s",
 }
-"""SI unit of a channel -> examples of allowed units for error messages."""
+"""SI unit of a channel or a velocity -> examples of allowed units for error messages."""
 
 _UNIT_TOKEN = re.compile(r"[^\W\d_][^\W\d_]*|[\s*·⋅/.°^\d-]")
 """Names, numbers and operators that a unit may consist of."""

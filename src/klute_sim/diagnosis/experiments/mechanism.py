@@ -67,11 +67,11 @@ class MechanismExperiment(Experiment):
     numbers: Mapping[str, float] = field(kw_only=True)
     """Numbers of the model that differ from its file."""
     initial_positions: Mapping[str, float] = field(kw_only=True)
-    """Joint -> measured position [m or rad] near which the trial begins."""
+    """Joint -> measured or stated position [m or rad] near which the trial begins."""
     initial_velocities: Mapping[str, float] = field(default_factory=dict, kw_only=True)
-    """Joint -> measured velocity [m/s or rad/s] with which the trial begins; empty where it begins at rest."""
+    """Joint -> measured or stated velocity [m/s or rad/s] at the start; empty where the trial begins at rest."""
     initial_pressures: Mapping[str, float] = field(default_factory=dict, kw_only=True)
-    """Device -> measured pressure [Pa] at the start of a trial that begins in motion."""
+    """Device -> pressure [Pa] at the start: stated, or measured where the trial begins in motion."""
     unit_length: Array | None = field(default=None, kw_only=True)
     """Length of the first device [m], one value per time step; None where a joint was neither driven nor measured."""
 
@@ -218,7 +218,9 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         for name, binding in outputs.items()
         if name in trial.measured and binding.channel.quantity in MOTION_QUANTITIES
     }
-    velocities = _estimate_initial_velocities(trial, outputs)
+    stated = trial.initial_state
+    estimated = _estimate_initial_velocities(trial, outputs)
+    velocities = {**estimated, **stated.velocities}
     warm_up = {"max_warm_up_fraction": MOVING_WARM_UP_FRACTION, "max_warm_up_time": MOVING_WARM_UP_TIME}
     driven = {b.name: inputs[n] for n, b in mechanism.bindings.items() if b.channel.quantity in MOTION_QUANTITIES}
     return MechanismExperiment(
@@ -230,7 +232,7 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         start_time=start_time,
         dt=dt,
         command=inputs[pressure_name],
-        measured=select_samples(trial, start_time, end_time, time[-1], **(warm_up if velocities else {})),
+        measured=select_samples(trial, start_time, end_time, time[-1], **(warm_up if estimated else {})),
         trusted=trial.trusted,
         limits=trial.limits,
         specimen=trial.specimen,
@@ -239,9 +241,9 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         inputs=inputs,
         other_inputs=other_inputs,
         numbers=trial.model_numbers,
-        initial_positions={joint: float(values[0]) for joint, values in positions.items()},
+        initial_positions={joint: float(values[0]) for joint, values in positions.items()} | dict(stated.positions),
         initial_velocities=velocities,
-        initial_pressures=_read_initial_pressures(trial, outputs) if velocities else {},
+        initial_pressures=(_read_initial_pressures(trial, outputs) if velocities else {}) | dict(stated.pressures),
         unit_length=_compute_first_length(mechanism, trial.model_numbers, {**positions, **driven}, time),
     )
 
@@ -249,6 +251,7 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
 def _estimate_initial_velocities(trial: Trial, outputs: Mapping[str, Binding]) -> dict[str, float]:
     """Return joint -> velocity of each joint with a measured position, if any of them begins in motion; else nothing.
 
+    Joints whose velocity the dataset states are left out.
     A parabola through the first :data:`START_TIME_SPAN` gives the velocity. A joint moves if this velocity exceeds
     :data:`MIN_INITIAL_SPEED` and the position changes by more than its noise from the first to the second third: a
     joint that rests at first and is accelerated later does not.
@@ -256,6 +259,8 @@ def _estimate_initial_velocities(trial: Trial, outputs: Mapping[str, Binding]) -
     velocities, is_moving = {}, False
     for name, binding in outputs.items():
         if name not in trial.measured or binding.channel.quantity not in MOTION_QUANTITIES:
+            continue
+        if binding.name in trial.initial_state.velocities:
             continue
         series = trial.measured[name]
         is_early = np.isfinite(series.value) & (series.time <= series.time[0] + START_TIME_SPAN)
