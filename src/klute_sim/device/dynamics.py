@@ -27,6 +27,10 @@ from klute_sim.laws.tendon import TendonParameters
 
 FORCE_TOLERANCE = 1e-10
 """Force residual at which a step counts as solved, relative to 1 N + tendon tension."""
+MAX_NEAR_SPEED = 0.4
+"""Speed of the muscle [m/s] up to which the length is first searched near the last one."""
+MAX_SECANT_STEPS = 6
+"""Maximum number of Newton's and secant steps before Chandrupatla's method; friction with a sharp edge needs it."""
 MAX_ITERATIONS = 200
 """Maximum number of root-finding iterations of one step."""
 
@@ -222,40 +226,65 @@ def _compute_force_residual(
     return compute_muscle_force(parameters, internal_state, pressure, length, (length - state.length) / dt) - pull
 
 
+def _predict_length(
+    parameters: DeviceParameters,
+    state: DeviceState,
+    dt: float,
+    length: float,
+    f_length: float,
+    end: float,
+    f_end: float,
+) -> tuple[float, float]:
+    """Return where the force residual is predicted to be zero [m], and its slope there [N/m].
+
+    Between ``length`` and ``end``, where the residual is ``f_length`` and ``f_end`` [N] of different signs, it is taken
+    as linear, but for the quadratic force of the damper.
+    """
+    motion = end - length
+    quadratic = _damper.force(apply_damper_effects(parameters, state.internal_state), motion / dt)
+    linear = f_end - f_length - quadratic
+    root = math.sqrt(max(0.0, linear * linear - 4.0 * quadratic * f_length))
+    denominator = linear + root if f_length < 0.0 else linear - root
+    fraction = -2.0 * f_length / denominator if denominator != 0.0 else 0.5
+    return length + fraction * motion, (linear + 2.0 * quadratic * fraction) / motion
+
+
 def solve_length(
     parameters: DeviceParameters, air: AirCharge, state: DeviceState, unit_length: float, dt: float
 ) -> float:
     """Return the muscle length [m] that balances the junction a time step ``dt`` [s] after ``state``.
 
-    ``air`` is the air in the muscle and ``unit_length`` the length [m] of the muscle-tendon unit. Chandrupatla's
-    bracketed method (Adv. Eng. Software 28:145, 1997) finds the root to :data:`FORCE_TOLERANCE` or to the last bit of
-    the length. A NaN in the input gives NaN.
+    ``air`` is the air in the muscle and ``unit_length`` the length [m] of the muscle-tendon unit. The force residual
+    grows with the length. Newton's step from a predicted root and secant steps find its root in a bracket, in most
+    steps with four or five residuals. Where they do not, Chandrupatla's method (Adv. Eng. Software 28:145, 1997) does.
+    The root is found to :data:`FORCE_TOLERANCE` or to the last bit of the length. A NaN in the input gives NaN.
     """
     low = mckibben.lock_length(parameters.muscle)
     high = parameters.muscle.resting_length
     if parameters.tendon.is_rigid:
         return min(max(unit_length - parameters.tendon.slack_length, low), high)
 
-    # At speeds up to 0.4 m/s a narrow bracket around the last length suffices.
-    max_motion = 0.4 * dt
-    near_low, near_high = max(low, state.length - max_motion), min(high, state.length + max_motion)
-    f_low = _compute_force_residual(parameters, air, state, unit_length, dt, near_low)
-    f_high = _compute_force_residual(parameters, air, state, unit_length, dt, near_high)
-    if f_low < 0.0 and f_high > 0.0:
-        low, high = near_low, near_high
-    else:
-        f_high = _compute_force_residual(parameters, air, state, unit_length, dt, high)
-        if not f_high > 0.0:
-            return high if f_high == f_high else f_high
-        f_low = _compute_force_residual(parameters, air, state, unit_length, dt, low)
-        if not f_low < 0.0:
-            return low if f_low == f_low else f_low
+    a = min(max(state.length, low), high)
+    f_a = _compute_force_residual(parameters, air, state, unit_length, dt, a)
+    if abs(f_a) <= _compute_force_tolerance(parameters, unit_length, a):
+        return a
+    # At speeds up to 0.4 m/s a narrow bracket beside the last length suffices.
+    limit = low if f_a > 0.0 else high
+    b = max(low, a - MAX_NEAR_SPEED * dt) if f_a > 0.0 else min(high, a + MAX_NEAR_SPEED * dt)
+    f_b = f_a
+    for end in (b, limit):
+        if (f_b > 0.0) == (f_a > 0.0):
+            b, f_b = end, _compute_force_residual(parameters, air, state, unit_length, dt, end)
+    if (f_b > 0.0) == (f_a > 0.0) or f_b != f_b:
+        return limit if f_a == f_a and f_b == f_b else math.nan
 
-    a, b, f_a, f_b = high, low, f_high, f_low
     c, f_c = a, f_a
-    t = 0.5
-    for _ in range(MAX_ITERATIONS):
-        x = a + t * (b - a)
+    x, slope = _predict_length(parameters, state, dt, a, f_a, b, f_b)
+    if not min(a, b) < x < max(a, b):
+        x = 0.5 * (a + b)
+    best = x
+    for k in range(MAX_ITERATIONS):
+        last, f_last = a, f_a
         f_x = _compute_force_residual(parameters, air, state, unit_length, dt, x)
         if (f_x > 0.0) == (f_a > 0.0):
             c, f_c = a, f_a
@@ -263,10 +292,15 @@ def solve_length(
             c, b, f_c, f_b = b, a, f_b, f_a
         a, f_a = x, f_x
         best, f_best = (a, f_a) if abs(f_a) < abs(f_b) else (b, f_b)
-        scale = 1.0 + _tendon.force(parameters.tendon, unit_length - best - parameters.tendon.slack_length)
         width = abs(b - a)
-        if abs(f_best) <= FORCE_TOLERANCE * scale or width <= 2.3e-16 * abs(best):
+        if abs(f_best) <= _compute_force_tolerance(parameters, unit_length, best) or width <= 2.3e-16 * abs(best):
             return best
+        if k < MAX_SECANT_STEPS:
+            if k > 0:
+                slope = (f_a - f_last) / (a - last) if a != last else 0.0
+            x = a - f_a / slope if slope > 0.0 else b
+            if min(a, b) < x < max(a, b):
+                continue
         # Inverse quadratic interpolation where Chandrupatla's test finds it safe, else bisection.
         xi, phi = (a - b) / (c - b), (f_a - f_b) / (f_c - f_b)
         if phi * phi < xi and (1.0 - phi) * (1.0 - phi) < 1.0 - xi:
@@ -274,8 +308,14 @@ def solve_length(
         else:
             t = 0.5
         margin = 1.1e-16 * abs(best) / width
-        t = min(max(t, margin), 1.0 - margin)
+        x = a + min(max(t, margin), 1.0 - margin) * (b - a)
     return best
+
+
+def _compute_force_tolerance(parameters: DeviceParameters, unit_length: float, length: float) -> float:
+    """Return the force residual [N] at which a step counts as solved at muscle ``length`` [m]."""
+    stretch = unit_length - length - parameters.tendon.slack_length
+    return FORCE_TOLERANCE * (1.0 + _tendon.force(parameters.tendon, stretch))
 
 
 def step_pressure(parameters: DeviceParameters, state: DeviceState, command: float, dt: float) -> AirCharge:
