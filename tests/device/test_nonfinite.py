@@ -80,7 +80,10 @@ def replace_muscle(**fields: float) -> DeviceParameters:
 VALVE = PAIR.supply._replace(fill_conductance=1e-8, exhaust_conductance=1e-8, valve_gain=1.0)
 BROKEN = {
     "no turns": (replace_muscle(braid_turns=0.0), "initial state|pressure|muscle length"),
-    "stiffness that is no number": (PAIR._replace(tendon=PAIR.tendon._replace(stiffness_1=math.nan, slack_length=0.09)), "muscle length"),
+    "stiffness that is no number": (
+        PAIR._replace(tendon=PAIR.tendon._replace(stiffness_1=math.nan, slack_length=0.09)),  # never slack
+        "muscle length",
+    ),
     "rubber that is no number": (replace_muscle(c10=math.nan), "muscle length"),
     "no temperature": (PAIR._replace(supply=VALVE._replace(temperature=0.0)), "initial state|pressure"),
     "negative temperature": (PAIR._replace(supply=VALVE._replace(temperature=-10.0)), "pressure"),
