@@ -71,7 +71,9 @@ def state_end_tension(diameters: float, contraction: float) -> float:
 def state_passive_tension(parameters: Mapping[str, float], contraction: float) -> float:
     """Return the passive tension [N] of all actuators; at this pressure, that of a muscle at rest is complete."""
     rise = 1.0 - math.exp(-contraction / parameters["contraction_scale"])
-    return make_clamped_muscle().muscle.n_actuators * (parameters["offset_n"] + parameters["rise_n"] * rise)
+    muscle = make_clamped_muscle().muscle
+    diameter_ratio = 2.0 * muscle.bladder_radius / 0.01
+    return muscle.n_actuators * diameter_ratio * (parameters["offset_n"] + parameters["rise_n"] * rise)
 
 
 CONE_ROWS = tuple(

@@ -15,7 +15,7 @@ SIGN_SPEED = 0.05e-3  # m/s: width of the smooth sign
 TENDON_SLIDER_REACH = 0.05e-3  # m: reach of the tendon's slider
 TENDON_CLOSING_STRETCH = 1e-6  # m: over which a tendon with Maxwell memory takes up its load (its law jumps there)
 FADE_PRESSURE = 2e5  # Pa: below it the friction offset fades to nothing
-THRESHOLD_DIAMETER = 10e-3  # m: of the bladder whose threshold pressure the parameters state
+REFERENCE_DIAMETER = 10e-3  # m: of the bladder whose threshold pressure and passive tension the parameters state
 PASSIVE_PRESSURE = 0.1e5  # Pa: over which the passive tension of a muscle at rest appears
 TAPER_PRESSURE = 1e5  # Pa: over which the contraction of the middle falls to that at high pressure
 FILM_TIME = 1e-4  # s: a lubricating film does not follow the speed at once, or several speeds could balance
@@ -141,7 +141,7 @@ def effective_pressure(pressure: float, L: float, law: Law) -> float:
     A bladder that is sucked inwards does not touch the braid.
     """
     threshold = law.threshold + law.threshold_rise * (1.0 - L / law.resting_length)
-    return max(pressure - threshold * THRESHOLD_DIAMETER / (2.0 * law.outer_radius), 0.0)
+    return max(pressure - threshold * REFERENCE_DIAMETER / (2.0 * law.outer_radius), 0.0)
 
 
 @cached_njit
@@ -205,7 +205,7 @@ def volume_outside_cones(L: float, law: Law) -> float:
 
 @cached_njit
 def passive_tension(pressure: float, contraction: float, law: Law) -> float:
-    """Return the tension that one actuator loses to rubber and braid, whatever its pressure."""
+    """Return the tension that one actuator of the reference diameter loses to rubber and braid."""
     total = -law.passive_offset * math.expm1(-pressure / PASSIVE_PRESSURE)
     if law.passive_scale > 0.0:
         return total - law.passive_rise * math.expm1(-contraction / law.passive_scale)
@@ -248,7 +248,8 @@ def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
         bladder += law.thick * (slope - bladder)
     friction = (law.friction_slope * pressure + law.friction_offset) * min(1.0, pressure / FADE_PRESSURE)
     tension = law.n_muscles * (gas + bladder - friction)
-    passive = law.n_muscles * passive_tension(pressure, 1.0 - stretch, law)
+    thickness = 2.0 * law.outer_radius / REFERENCE_DIAMETER
+    passive = law.n_muscles * thickness * passive_tension(pressure, 1.0 - stretch, law)
     return tension - min(passive, max(tension, 0.0))  # it slackens a muscle, but does not push
 
 

@@ -134,7 +134,8 @@ WRONG_SIZES = {
         ("excess * (muscle.resting_length", -1.0),
     ),
     f"{_MUSCLE_EFFECTS}/passive_tension.py": (
-        ("muscle.n_actuators * (switch", -1.0),
+        ("muscle.n_actuators * size", -1.0),
+        ("2.0 * muscle.bladder_radius", 0.5),
         ("switch * offset", 0.5),
         ("p.rise * (1.0 - math", 0.5),
         ("p.rise * math", 2.0),

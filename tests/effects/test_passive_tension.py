@@ -27,8 +27,9 @@ def tension(form: str, force: float, pressure: float, contraction: float, *value
 
 
 def loss(form: str, pressure: float, contraction: float, *values: float) -> float:
-    """Return the tension that one of the two actuators loses [N]."""
-    return (LARGE_FORCE - tension(form, LARGE_FORCE, pressure, contraction, *values)) / MUSCLE.n_actuators
+    """Return the tension [N] that one of the two actuators would lose with a bladder of 10 mm."""
+    lost = LARGE_FORCE - tension(form, LARGE_FORCE, pressure, contraction, *values)
+    return lost / MUSCLE.n_actuators * 0.01 / (2.0 * MUSCLE.bladder_radius)
 
 
 @FORMS
@@ -65,6 +66,19 @@ def test_tension_is_reduced_but_never_to_a_push(form: str, force: float, contrac
 
 
 @FORMS
+def test_loss_is_in_proportion_to_the_diameter(form: str) -> None:
+    effect_form = catalogue.find_form("passive_tension", form)[1]
+    p = effect_form.parameter_type(*TYPICAL[form])
+    small, large = (MUSCLE._replace(bladder_radius=radius) for radius in (5e-3, 15e-3))
+    losses = [
+        LARGE_FORCE - effect_form.laws["muscle_force"](p, (), LARGE_FORCE, m, 5e5, 0.9 * m.resting_length, 0.0)
+        for m in (small, large)
+    ]
+    assert losses[1] == pytest.approx(3.0 * losses[0])
+    assert losses[0] == pytest.approx(MUSCLE.n_actuators * loss(form, 5e5, 0.1))
+
+
+@FORMS
 @pytest.mark.parametrize("contraction", [0.0, 0.05, 0.12])
 def test_clamped_muscle_keeps_its_slope_over_pressure(form: str, contraction: float) -> None:
     """Only the intercept changes, as in the measurements."""
@@ -78,4 +92,5 @@ def test_clamped_muscle_keeps_its_slope_over_pressure(form: str, contraction: fl
         for pressure in (3e5, 4e5, 5e5)
     ]
     assert lost == pytest.approx([lost[0]] * 3)
-    assert lost[0] == pytest.approx(2.0 * loss(form, 5e5, contraction))
+    diameter_ratio = 2.0 * MUSCLE.bladder_radius / 0.01
+    assert lost[0] == pytest.approx(2.0 * diameter_ratio * loss(form, 5e5, contraction))
