@@ -18,12 +18,21 @@ from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
+from benchmarks.hidden_effects.adversary.dataset import make_dataset as make_adversary_dataset
 from benchmarks.hidden_effects.air import AIR_STEP
 from benchmarks.hidden_effects.catalogue import BENCH_CHANNELS, RELATIVE_UNCERTAINTIES
 from benchmarks.hidden_effects.device import PRESET_FILE, add_effects, build_neutral_law, load_device
 from benchmarks.hidden_effects.imperfect import add_law_error, assign_specimens
 from benchmarks.hidden_effects.inputs import InputProgram, generate_programs, hold_still
-from benchmarks.hidden_effects.plan import BLOCK_SIZES, DEFECTS, FORCE_RANGE_N, GAIT_BLOCKS, JOINT_BLOCKS, plan_datasets
+from benchmarks.hidden_effects.plan import (
+    ADVERSARY_BLOCK,
+    BLOCK_SIZES,
+    DEFECTS,
+    FORCE_RANGE_N,
+    GAIT_BLOCKS,
+    JOINT_BLOCKS,
+    plan_datasets,
+)
 from benchmarks.hidden_effects.set_up import change_log, list_numbers
 from benchmarks.hidden_effects.simulate import (
     Hidden,
@@ -264,6 +273,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--truth", type=Path, help="truth file (needs --count 1), or else a folder for them")
     parser.add_argument("--device", type=Path, default=PRESET_FILE, help="device file of the nominal device")
     options = parser.parse_args(arguments)
+    if options.block == ADVERSARY_BLOCK and options.device != PRESET_FILE:
+        parser.error(f"--device does not apply to block {ADVERSARY_BLOCK}; leave it out")
     specs = plan_datasets(options.block, options.count, options.seed, typical=options.typical)
     if options.truth is not None and options.truth.suffix == ".json" and len(specs) != 1:
         parser.error("--truth FILE.json needs --count 1; give a folder for several")
@@ -276,7 +287,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if truth.exists() and folder.exists():
             word = "is there"
         else:
-            sealed = make_dataset(folder, **spec, truth=truth, device_file=options.device)
+            if options.block == ADVERSARY_BLOCK:
+                sealed = make_adversary_dataset(folder, **spec, truth=truth)
+            else:
+                sealed = make_dataset(folder, **spec, truth=truth, device_file=options.device)
             word = f"raw size {sealed['raw_size']:.2f} on {sealed['most_affected']}"
         print(f"{i}/{len(specs)} {name}: {word} ({time.perf_counter() - start:.0f} s)", file=sys.stderr, flush=True)
 

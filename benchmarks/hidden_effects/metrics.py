@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from benchmarks.hidden_effects.catalogue import BODY_EFFECTS, EFFECTS, JOINT_EFFECTS, instrument_forms
-from benchmarks.hidden_effects.plan import GAIT_BLOCKS, JOINT_BLOCKS
+from benchmarks.hidden_effects.plan import ADVERSARY_BLOCK, GAIT_BLOCKS, JOINT_BLOCKS
 from benchmarks.hidden_effects.score import (
     NAMING_VERDICTS,
     WRONG_OUTCOMES,
@@ -69,7 +69,8 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
     """Return all metrics in the order of the table of targets."""
     gait_rows = [row for row in rows if row.truth["block"] in GAIT_BLOCKS]
     joint_rows = [row for row in rows if row.truth["block"] in JOINT_BLOCKS]
-    rows = [row for row in rows if row.truth["block"] not in GAIT_BLOCKS + JOINT_BLOCKS]
+    adversary_rows = [row for row in rows if row.truth["block"] == ADVERSARY_BLOCK]
+    rows = [row for row in rows if row.truth["block"] not in (*GAIT_BLOCKS, *JOINT_BLOCKS, ADVERSARY_BLOCK)]
     rows_by_block = {
         block: [r for r in rows if r.truth["block"] == block] for block in {r.truth["block"] for r in rows}
     }
@@ -155,6 +156,29 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         _quantile_metric("seconds for a dataset, median", [row.verdict["s"] for row in rows], 0.5, 30.0, at_most=True),
         *(_compute_gait_metrics(gait_rows) if gait_rows else ()),
         *(_compute_joint_metrics(joint_rows) if joint_rows else ()),
+        *(_compute_adversary_metrics(adversary_rows) if adversary_rows else ()),
+    ]
+
+
+def _compute_adversary_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
+    """Return the metrics of the datasets with another physics: what is named, whether or not there is a strong effect.
+
+    Parameters cannot be compared, because they are those of other laws.
+    """
+    hidden = _select_hidden(rows)
+    relevant = [row for row in hidden if row.truth["size"] >= MIN_RELEVANT_SIZE]
+    return [
+        _fraction_metric(
+            "other physics: names right, effect at least as large as the noise", relevant, _is_right, 0.90
+        ),
+        _fraction_metric("other physics: a wrong name alone", hidden, _is_wrong_alone, 0.05, at_most=True),
+        _fraction_metric(
+            "other physics: something is named that is not there, without a strong effect",
+            [row for row in rows if not list_hidden_effects(row.truth)],
+            lambda r: r.outcome == "false-alarm",
+            0.05,
+            at_most=True,
+        ),
     ]
 
 

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from benchmarks.hidden_effects.adversary.cases import draw_case
 from benchmarks.hidden_effects.catalogue import (
     BENCH_CHANNELS,
     BODY_EFFECTS,
@@ -44,6 +45,7 @@ BLOCK_SIZES = {
     "joint_pair": 12,
     "joint_outside": 24,
     "joint_imperfect": 12,
+    "adversary": 24,
 }
 """Number of datasets of each block that gives sufficient statistics."""
 HALF_SEEDS = {"development": 101, "test": 303}
@@ -77,6 +79,8 @@ GAIT_BLOCKS = ("walk", "walk_clean", "walk_registration")
 """Blocks of the gait rig."""
 JOINT_BLOCKS = ("joint", "joint_clean", "joint_pair", "joint_outside", "joint_imperfect")
 """Blocks of the antagonist joint; those of neither rig are of the bench."""
+ADVERSARY_BLOCK = "adversary"
+"""Block of the bench whose datasets have the physics of :mod:`adversary`."""
 JOINT_CASES: tuple[tuple[str, str, str | None], ...] = (
     *((name, form, None) for name, form in JOINT_EFFECTS),
     ("sensor_backlash", "play", "angle_joint"),
@@ -250,6 +254,8 @@ def _block_content(block: str, index: int, rng: np.random.Generator | None) -> D
             return {"numbers": [draw_number_error(index, rng, load_device())]}
         case "logging":
             return {"logging": LOGGINGS[index % len(LOGGINGS)]}
+        case "adversary":
+            return draw_case(index, rng or np.random.default_rng(index))
         case "walk_registration":
             return {"registration": draw_registration(index, rng)}
         case _:

@@ -27,11 +27,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.hidden_effects import follow_up, joint_follow_up, joints, walks
+from benchmarks.hidden_effects.adversary.dataset import make_dataset as make_adversary_dataset
 from benchmarks.hidden_effects.catalogue import EXACT_TWINS
 from benchmarks.hidden_effects.generate import make_dataset
 from benchmarks.hidden_effects.metrics import DatasetResult
 from benchmarks.hidden_effects.page import render_page
 from benchmarks.hidden_effects.plan import (
+    ADVERSARY_BLOCK,
     BLOCK_SIZES,
     GAIT_BLOCKS,
     HALF_SEEDS,
@@ -128,7 +130,7 @@ class BenchmarkRun:
         dataset, truth_file = self._folder / name, self._folder / f"{name}.truth.json"
         if not truth_file.exists():
             arguments = {key: value for key, value in spec.items() if key != "name"}
-            MAKERS[rig](dataset, **arguments, truth=truth_file)
+            get_maker(spec["block"])(dataset, **arguments, truth=truth_file)
         excluded = list_excluded(spec["effects"]) if spec.get("deleted") else ()
         verdict = load_or_compute(
             self._result_path(name, self._code_digests[rig]),
@@ -142,7 +144,8 @@ class BenchmarkRun:
         }
         truth = json.loads(truth_file.read_text("utf-8"))
         second_outcome = None
-        if verdict["verdict"] == "indistinguishable" and verdict["next_experiment"]:
+        can_follow_up = spec["block"] != ADVERSARY_BLOCK  # whose rig runs no protocols of the program
+        if can_follow_up and verdict["verdict"] == "indistinguishable" and verdict["next_experiment"]:
             second_verdict = load_or_compute(
                 self._result_path(f"{name}_second", self._code_digests[rig]),
                 partial(self._run_follow_up, FOLLOW_UP_MAKERS[rig], dataset, truth, verdict, excluded),
@@ -175,6 +178,11 @@ class BenchmarkRun:
 def get_rig(block: str) -> str:
     """Return the rig of ``block``."""
     return "gait" if block in GAIT_BLOCKS else "joint" if block in JOINT_BLOCKS else "bench"
+
+
+def get_maker(block: str) -> Callable[..., Verdict]:
+    """Return the function that makes a dataset of ``block``."""
+    return make_adversary_dataset if block == ADVERSARY_BLOCK else MAKERS[get_rig(block)]
 
 
 def list_excluded(effects: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:

@@ -77,13 +77,20 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     identified instead. *part*: only some of several effects were identified. *absorbed*: effects were not identified
     because the uncertain device numbers, within their uncertainty, reproduce them. *wrong*: any other identified
     effect.
+
+    Where the truth lists what is ``present`` beside the hidden effects, these names count neither for nor against a
+    verdict; without a hidden effect one of its sets has to consist of them alone, or nothing is identified.
     """
-    hidden, identified, kind = list_hidden_effects(truth), list_named_effects(verdict), verdict["verdict"]
+    hidden, kind = list_hidden_effects(truth), verdict["verdict"]
+    effect_sets = _list_sets_beside_present(truth, verdict)
+    identified = effect_sets[0]
     nothing_left = kind == "nothing-missing" and residual_over_noise(verdict) < MAX_ABSORBED_RESIDUAL
     if truth.get("defect"):
         return "false-alarm" if identified else "right"
     if not hidden and truth.get("law_error"):
         return "false-alarm" if identified else "right"
+    if not hidden and "present" in truth:
+        return "right" if [] in effect_sets else "false-alarm"
     if not hidden:
         return "right" if kind == "nothing-missing" else ("false-alarm" if identified else "flagged")
     if is_out_of_catalogue(truth):
@@ -91,9 +98,9 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
         if identified and not _lists_unknown_effect(verdict):
             return "wrong"
         return silent_outcome if kind == "nothing-missing" else "flagged"
-    if hidden in list_effect_sets(verdict):
+    if hidden in effect_sets:
         max_sets = 1 + sum(len(near_twins(name, verdict)) for name in hidden)
-        return "right" if len(list_effect_sets(verdict)) <= max(2, max_sets) else "loose"
+        return "right" if len(effect_sets) <= max(2, max_sets) else "loose"
     if nothing_left:
         return "absorbed"
     if not identified:
@@ -101,6 +108,12 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     if set(identified) < set(hidden):
         return "absorbed" if _gap_over_noise(verdict, "after") < MAX_ABSORBED_RESIDUAL else "part"
     return "twin" if _is_near_twin(hidden, identified, verdict) else "wrong"
+
+
+def _list_sets_beside_present(truth: Truth, verdict: Verdict) -> list[list[str]]:
+    """Return all sets of effects of the verdict without the names that are present beside the hidden effects."""
+    present = set(truth.get("present", ())) - set(list_hidden_effects(truth))
+    return [[name for name in effect_set if name not in present] for effect_set in list_effect_sets(verdict)]
 
 
 def _lists_unknown_effect(verdict: Verdict) -> bool:

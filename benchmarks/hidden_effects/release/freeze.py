@@ -1,6 +1,6 @@
 """Freeze datasets of the benchmark into a folder that others can score their methods on.
 
-    python -m benchmarks.hidden_effects.release.freeze OUT                 # all blocks of the bench, test half
+    python -m benchmarks.hidden_effects.release.freeze OUT                 # all blocks of the bench but adversary
     python -m benchmarks.hidden_effects.release.freeze OUT --count 2       # a small one
 
 The release needs no klute-sim: trials are Parquet, the device and the set-up are TOML, truths are sealed, and score.pyz
@@ -23,7 +23,14 @@ import pyarrow.csv
 import pyarrow.parquet
 from benchmarks.hidden_effects.catalogue import EXACT_TWINS
 from benchmarks.hidden_effects.generate import make_dataset
-from benchmarks.hidden_effects.plan import BLOCK_SIZES, GAIT_BLOCKS, HALF_SEEDS, JOINT_BLOCKS, plan_datasets
+from benchmarks.hidden_effects.plan import (
+    ADVERSARY_BLOCK,
+    BLOCK_SIZES,
+    GAIT_BLOCKS,
+    HALF_SEEDS,
+    JOINT_BLOCKS,
+    plan_datasets,
+)
 from benchmarks.hidden_effects.release.scorer import SEALED_FILE, VERDICTS, seal
 from benchmarks.hidden_effects.run import list_excluded
 from rich.progress import track
@@ -33,8 +40,8 @@ from klute_sim.effects import catalogue
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
-BENCH_BLOCKS = tuple(block for block in BLOCK_SIZES if block not in (*GAIT_BLOCKS, *JOINT_BLOCKS))
-"""Blocks that are released: those of the test bench."""
+BENCH_BLOCKS = tuple(block for block in BLOCK_SIZES if block not in (*GAIT_BLOCKS, *JOINT_BLOCKS, ADVERSARY_BLOCK))
+"""Blocks that are released: those of the test bench with the physics of the program."""
 SCORER_FILES = tuple(f"benchmarks/hidden_effects/{name}.py" for name in ("catalogue", "score", "release/scorer"))
 """Modules in score.pyz."""
 
