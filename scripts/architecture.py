@@ -17,7 +17,7 @@ LAYERS = {
     **{"files": 1, "laws": 1, "plausibility": 1, "effects": 2, "device": 3, "plant": 4, "recording": 4},
     **{"controllers": 4, "datasets": 5, "rendering": 5, "gait": 6, "bench": 6, "mechanism": 6},
     **{"comparison": 7, "diagnosis": 7, "mocap": 7, "sizing": 7, "walker": 7},
-    **{"envs": 8, "parameter_sweep": 8, "reproduction": 8, "training": 9, "play": 9, "report": 10, "viewer": 11},
+    **{"envs": 8, "reproduction": 8, "parameter_sweep": 9, "training": 9, "play": 9, "report": 10, "viewer": 11},
     **{"tuning": 12, "baselines": 12, "api": 13, "cli": 14},
 }
 """Layer of each package. A package imports only from lower layers."""

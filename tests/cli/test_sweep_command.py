@@ -61,6 +61,38 @@ def test_walks_are_swept_and_options_of_the_other_rig_are_refused(tmp_path: Path
         assert len(refused.stderr.splitlines()) == 1
 
 
+def test_joint_is_swept_over_gains_and_loads(tmp_path: Path) -> None:
+    arguments = (
+        "--rig",
+        "joint",
+        "--gain",
+        "proportional=2,4",
+        "--gain",
+        "integral=0",
+        "--load",
+        "2",
+        "--seconds",
+        "0.1",
+    )
+    done = run("sweep", *arguments, "--episodes", "1", "--jobs", "1", "--out", "j", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)["rows"]
+    assert [(r["device"], r["proportional [1/rad]"], r["integral [1/(rad*s)]"], r["load [kg]"]) for r in rows] == [
+        ("klute-3-4-pair", 2.0, 0.0, 2.0),
+        ("klute-3-4-pair", 4.0, 0.0, 2.0),
+    ]
+    for arguments, message in (
+        (("--rig", "joint", "--slope", "1"), "--slope belongs to --rig gait or walk; leave it out with --rig joint"),
+        (("--gain", "proportional=1"), "--gain belongs to --rig joint; leave it out with --rig gait"),
+        (("--rig", "joint", "--gain", "proportional"), "is not of the form proportional=2,4"),
+        (("--rig", "joint", "--gain", "mean=1"), "the mean action is 1; allowed: above -1, below 1"),
+    ):
+        refused = run("sweep", *arguments, cwd=tmp_path)
+        assert refused.returncode == 2
+        assert message in refused.stderr
+        assert len(refused.stderr.splitlines()) == 1
+
+
 @pytest.fixture(scope="module")
 def finished_sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("sweep")

@@ -66,6 +66,25 @@ def test_walks_are_tuned_and_options_of_the_other_rig_are_refused(tmp_path: Path
         assert len(refused.stderr.splitlines()) == 1
 
 
+def test_gains_of_the_joint_are_tuned(tmp_path: Path) -> None:
+    arguments = ("--rig", "joint", "--only", "proportional", "--gain", "integral=10", "--seconds", "0.1")
+    options = ("--episodes", "1", "--budget", "2", "--jobs", "1", "--out", "t", "--json")
+    done = run("tune", *arguments, *options, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    output = json.loads(done.stdout)
+    assert output["files"] == ["joint_evaluations.csv", "tuned.toml", "tuning.json", "tuning.png"]
+    assert list(output["design_variables"]) == ["proportional"]
+    assert "integral = 10" in (tmp_path / "t" / "tuned.toml").read_text()
+    for arguments, message in (
+        (("--rig", "joint", "--foot", "sach"), "--foot belongs to --rig gait or walk; leave it out with --rig joint"),
+        (("--rig", "joint", "--gain", "integral"), "--gain is 'integral'; allowed: a name and a number"),
+        (("--rig", "joint", "--only", "lean_deg"), "the PID controller has no gain 'lean_deg'"),
+    ):
+        refused = run("tune", *arguments, cwd=tmp_path)
+        assert refused.returncode == 2
+        assert message in refused.stderr
+
+
 @pytest.mark.slow
 def test_search_for_an_imported_subject_uses_its_numbers_and_refuses_another_subject(tmp_path: Path) -> None:
     write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66, load_ratio=1.05)

@@ -1,126 +1,34 @@
-"""Simulate every combination of inputs: :func:`sweep`, :func:`sweep_walks`, and their :class:`SweepResult`."""
+"""Simulate every combination of inputs: :func:`sweep`, :func:`sweep_walks` and :func:`sweep_joint`."""
 
 import glob
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from klute_sim.api.inputs import ControllerLike, DeviceLike, get_input_name, stage_progress, to_controller, to_device
-from klute_sim.api.optional import import_pandas
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.sweep_result import SweepResult
 from klute_sim.controllers.parse import Controller
 from klute_sim.controllers.state_machine import load_default_state_machine
 from klute_sim.device.device import DEFAULT_DEVICE, Device
+from klute_sim.envs.antagonist_joint import DEFAULT_JOINT_DEVICE
 from klute_sim.errors import InputError, suggest
 from klute_sim.gait.reference import Reference, load_default_reference, load_reference
-from klute_sim.parameter_sweep import cluster, display, table, walk_display
+from klute_sim.parameter_sweep import cluster
+from klute_sim.parameter_sweep.joint_plan import JointSweepPlan
 from klute_sim.parameter_sweep.local import LocalRunner
 from klute_sim.parameter_sweep.plan import ABLE_BODIED_REFERENCE, SweepPlan
 from klute_sim.parameter_sweep.runner import Runner
-from klute_sim.parameter_sweep.store import ResultStore, open_store
+from klute_sim.parameter_sweep.store import open_store
 from klute_sim.parameter_sweep.sweep import run_sweep
+from klute_sim.parameter_sweep.table import AnyPlan
 from klute_sim.parameter_sweep.walk_plan import NO_PUSH, WalkSweepPlan
-from klute_sim.recording.atomic_file import replace_atomically
 from klute_sim.types import ProgressCallback
 from klute_sim.walker.person.build import MAX_DT
 from klute_sim.walker.reflexes.walker_file import Walker, load_walker
-
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
-
-
-@dataclass(frozen=True, repr=False)
-class SweepResult:
-    """The finished cases of a sweep, one row per combination."""
-
-    plan: SweepPlan | WalkSweepPlan
-    """Lists whose combinations were simulated."""
-    rows: list[table.SweepRow]
-    """Inputs, metrics and failure of each case, by column, in the order of the plan."""
-    folder: Path
-    """Folder that holds the results of the cases."""
-    n_resumed: int = 0
-    """Number of cases whose results were in the folder before."""
-
-    @property
-    def n_failed(self) -> int:
-        """Number of cases with a failure in place of metrics."""
-        return sum(row[table.FAILURE_COLUMN] is not None for row in self.rows)
-
-    def format_summary(self) -> Summary:
-        """Yield the table of the first cases, or of the conditions of walks, and the remarks on the sweep."""
-        if isinstance(self.plan, WalkSweepPlan):
-            yield walk_display.format_walk_table(self.rows)
-            yield from walk_display.collect_walk_remarks(self.rows, self.n_failed)
-            return
-        yield display.format_table(self.rows)
-        yield from display.collect_remarks(self.rows, self.n_failed)
-
-    def __repr__(self) -> str:
-        """Return one line: numbers of cases and failures, and the folder."""
-        return f"SweepResult({len(self.rows)} cases, {self.n_failed} failed, folder={str(self.folder)!r})"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
-
-    def to_pandas(self) -> "pd.DataFrame":
-        """Return the rows as a DataFrame; raises MissingExtraError without pandas."""
-        pandas = import_pandas("SweepResult.to_pandas")
-        frame: pd.DataFrame = pandas.DataFrame(self.rows, columns=list(table.get_column_types(self.plan)))
-        return frame
-
-    def plot(self, metric: str | None = None, over: str | None = None) -> "Figure":
-        """Return a figure of ``metric`` over the input column ``over``, one line per device and controller.
-
-        None: net ankle work over body mass, and of walks the cost after Minetti and Alexander over push-off pressure,
-        one line per walker. Raises InputError when a column does not exist.
-        """
-        from matplotlib.figure import Figure
-
-        is_walk, columns = isinstance(self.plan, WalkSweepPlan), table.get_column_types(self.plan)
-        metric = metric or ("cost_minetti [J/kg/m]" if is_walk else "ankle_work_net [J/kg]")
-        over = over or ("push_off_pressure [bar]" if is_walk else "mass [kg]")
-        for column in (metric, over):
-            if column not in columns:
-                raise InputError(f"there is no column '{column}'; allowed: {', '.join(columns)}")
-        figure = Figure(figsize=(7.0, 4.0), layout="constrained")
-        axis = figure.subplots()
-        points: dict[str, list[tuple[Any, Any]]] = {}
-        for row in self.rows:
-            if row[metric] is not None and row[over] is not None:
-                label = row["walker"] if is_walk else f"{row['device']}, {row['controller']}"
-                points.setdefault(label, []).append((row[over], row[metric]))
-        for label, pairs in points.items():
-            axis.plot(*zip(*sorted(pairs), strict=True), "o-", label=label)
-        axis.set_xlabel(over)
-        axis.set_ylabel(metric)
-        if points:
-            axis.legend()
-        return figure
-
-    def save(self, folder: str | Path | None = None, *, with_csv: bool = False) -> Path:
-        """Write sweep.parquet, and sweep.csv with ``with_csv``, into ``folder``; None: the folder of the results.
-
-        Returns the folder.
-        """
-        target = self.folder if folder is None else Path(folder)
-        with ResultStore(target).translate_write_errors():
-            target.mkdir(parents=True, exist_ok=True)
-            if with_csv:
-                with replace_atomically(target / "sweep.csv") as temporary:
-                    table.write_csv(self.rows, temporary)
-            with replace_atomically(target / "sweep.parquet") as temporary:
-                table.write_parquet(self.rows, self.plan, temporary)
-        return target
 
 
 def sweep(
@@ -259,6 +167,53 @@ def sweep_walks(
     return _run(plan, folder, n_jobs, ray_address, progress)
 
 
+def sweep_joint(
+    devices: Sequence[DeviceLike] | DeviceLike = (),
+    *,
+    gains: Mapping[str, Sequence[float]] | None = None,
+    loads: Sequence[float | None] = (None,),
+    episodes: int = 8,
+    seconds: float = 5.0,
+    seed: int = 0,
+    time_step: float = 5e-4,
+    folder: str | Path | None = None,
+    n_jobs: int = 0,
+    ray_address: str | None = None,
+    progress: ProgressCallback | None = None,
+) -> SweepResult:
+    """Let a PID controller move the joint of ``klute_sim/AntagonistJoint`` in every combination of the listed inputs.
+
+    A row holds the metrics over the episodes of one combination; all have the same targets. Results are stored in
+    ``folder`` as they finish; an interrupted sweep resumes there.
+
+    Args:
+        devices: Devices, presets or paths, each on both tendons; empty: ``"klute-3-4-pair"``.
+        gains: Values by argument of :class:`klute_sim.envs.joint_pid.PidController`, such as ``{"proportional": [2,
+            4]}``.
+        loads: Masses at the end of the lever [kg]; None stands for that of the model.
+        episodes: Number of episodes of each combination, each with another target.
+        seconds: Duration of an episode [s].
+        seed: Random seed of the first target; the others follow it.
+        time_step: Time step [s], a divisor of 10 ms.
+        folder: Folder of the results, new, empty or of the same sweep; None: the next ``runs/sweep-NNN``.
+        n_jobs: Number of worker processes; 0: one per core.
+        ray_address: Address of a Ray cluster, ``"auto"`` or ``"local"``; None: processes on this machine.
+        progress: Receives the completed fraction and the current stage.
+
+    Raises InputError when an input is not usable or the folder holds something else.
+    """
+    plan = JointSweepPlan(
+        devices=_name_devices(_to_list(devices) or [DEFAULT_JOINT_DEVICE], ()),
+        gains=gains or {},
+        loads_kg=loads,
+        episodes=episodes,
+        seconds=seconds,
+        seed=seed,
+        dt=time_step,
+    )
+    return _run(plan, folder, n_jobs, ray_address, progress)
+
+
 def build_machines(values: Mapping[str, Sequence[float]]) -> dict[str, Controller]:
     """Return the default state machine with every combination of ``values`` by the name of a number, by label.
 
@@ -287,7 +242,7 @@ def _name_devices(devices: Sequence[DeviceLike], feet: Sequence[str] | str) -> d
 
 
 def _run(
-    plan: SweepPlan | WalkSweepPlan,
+    plan: AnyPlan,
     folder: str | Path | None,
     n_jobs: int,
     ray_address: str | None,

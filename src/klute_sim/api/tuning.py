@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import DeviceLike, to_device
 from klute_sim.api.rendering import Summary, render_html, render_text
-from klute_sim.api.sweep import explain_interrupt
+from klute_sim.api.search_result import run_search
 from klute_sim.controllers.pressure import PressureProfile, load_default_profile, load_profile, profile_to_csv
 from klute_sim.device.device import Device
 from klute_sim.gait.metrics import compute_gait_metrics
 from klute_sim.gait.subject import ReferenceLike, resolve_subject
 from klute_sim.gait.summary import summarize_gait_run
-from klute_sim.parameter_sweep.local import LocalRunner
 from klute_sim.parameter_sweep.store import ResultStore
 from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.recording.recording import Recording
@@ -23,13 +22,9 @@ from klute_sim.tuning import results
 from klute_sim.tuning.design_variables import DEFAULT_DEVICE_KEYS, DesignSpace
 from klute_sim.tuning.objective import Goals, make_weights
 from klute_sim.tuning.search import (
-    MAX_REEVALUATIONS,
-    REEVALUATED_FRACTION,
     Evaluation,
     TuningProblem,
     import_cma,
-    optimize,
-    reevaluate,
     select_best,
     select_pareto_front,
 )
@@ -259,13 +254,4 @@ def tune(
     )
     import_cma()  # before a folder is made
     store = results.open_tuning_store(folder, problem)
-    n_expected = budget + min(REEVALUATED_FRACTION * budget, MAX_REEVALUATIONS)
-
-    def report(n_done: int) -> None:
-        if progress is not None:
-            progress(min(1.0, n_done / n_expected), "tuning")
-
-    with store.lock(), explain_interrupt(store.folder), LocalRunner(n_jobs) as runner:
-        evaluations = optimize(problem, budget, store, runner.run, report)
-        reevaluations = reevaluate(problem, evaluations, store, runner.run, report)
-    return TuningResult(problem, evaluations, reevaluations, store.folder)
+    return TuningResult(problem, *run_search(problem, budget, store, n_jobs, progress), store.folder)

@@ -1,6 +1,6 @@
 """Parameter types and options that several commands share."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -230,12 +230,15 @@ def strides_option(help_text: str) -> Decorator:
     return click.option("--strides", type=int, default=5, show_default=True, metavar="N", help=f"{help_text}.")
 
 
-def check_rig_options(context: click.Context, rig: str, gait_names: Sequence[str], walk_names: Sequence[str]) -> None:
-    """Raise InputError when an option is given that only the other rig takes; names are those of the parameters."""
-    other, names = ("gait", gait_names) if rig == "walk" else ("walk", walk_names)
+def check_rig_options(context: click.Context, rig: str, option_rigs: Mapping[str, Sequence[str]]) -> None:
+    """Raise InputError when an option is given that ``rig`` does not take.
+
+    ``option_rigs`` maps the names of parameters to the rigs that take them; every rig takes the others.
+    """
     for parameter in context.command.params:
-        if parameter.name in names and is_given(context, parameter.name):
-            raise InputError(f"{parameter.opts[0]} belongs to --rig {other}; leave it out with --rig {rig}")
+        rigs = option_rigs.get(parameter.name or "", (rig,))
+        if rig not in rigs and is_given(context, parameter.name or ""):
+            raise InputError(f"{parameter.opts[0]} belongs to --rig {' or '.join(rigs)}; leave it out with --rig {rig}")
 
 
 def is_given(context: click.Context, name: str) -> bool:
@@ -245,10 +248,11 @@ def is_given(context: click.Context, name: str) -> bool:
 
 RIG_OPTION = click.option(
     "--rig",
-    type=click.Choice(["gait", "walk"]),
+    type=click.Choice(["gait", "walk", "joint"]),
     default="gait",
     show_default=True,
-    help="Gait rig, which prescribes the motion of the limb, or a predicted walk by muscles and reflexes.",
+    help="Gait rig, which prescribes the motion of the limb; a predicted walk by muscles and reflexes; or a joint "
+    "between two devices under PID control.",
 )
 
 

@@ -27,15 +27,16 @@ def _parse_speeds(context: click.Context, option: click.Parameter, values: tuple
     )
 
 
-def _parse_machine(context: click.Context, option: click.Parameter, values: tuple[str, ...]) -> dict[str, list[float]]:
-    """Return the values of each number of the state machine."""
-    machine = {}
+def _parse_lists(context: click.Context, option: click.Parameter, values: tuple[str, ...]) -> dict[str, list[float]]:
+    """Return the values of each number, given as ``NAME=V,...``."""
+    lists = {}
     for value in values:
         name, separator, numbers = value.partition("=")
         if not separator:
-            raise click.BadParameter(f"'{value}' is not of the form push_off_bar=3.4,4.4", param=option)
-        machine[name.strip()] = _parse_numbers(context, option, (numbers,))
-    return machine
+            example = EXAMPLE_LISTS[str(option.name)]
+            raise click.BadParameter(f"'{value}' is not of the form {example}", param=option)
+        lists[name.strip()] = _parse_numbers(context, option, (numbers,))
+    return lists
 
 
 def _split_values(values: tuple[str, ...]) -> list[str]:
@@ -49,12 +50,21 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
         raise click.BadParameter(f"'{text}' is not {expected}", param=option) from None
 
 
-GAIT_OPTIONS = ("speeds", "references", "stride_times", "accept", "masses", "statures", "strides")
-"""Options that only the gait rig takes."""
-WALK_OPTIONS = ("machine", "walkers", "uneven", "pushes", "seconds", "seed")
-"""Options that only the predicted walk takes."""
+GAIT, WALK, JOINT = ("gait",), ("walk",), ("joint",)
+OPTION_RIGS = {
+    **dict.fromkeys(("speeds", "references", "stride_times", "accept", "masses", "statures", "strides"), GAIT),
+    **dict.fromkeys(("controllers", "slopes", "spring_feet", "feet"), (*GAIT, *WALK)),
+    **dict.fromkeys(("machine", "walkers", "uneven", "pushes"), WALK),
+    **dict.fromkeys(("seconds", "seed"), (*WALK, *JOINT)),
+    **dict.fromkeys(("gains", "loads", "episodes"), JOINT),
+}
+"""Option -> rigs that take it."""
 WALK_STEP_MS = 1.0
 """Default time step of a predicted walk [ms]."""
+WALK_SECONDS, EPISODE_SECONDS = 20.0, 5.0
+"""Default duration of a predicted walk and of an episode of the joint [s]."""
+EXAMPLE_LISTS = {"machine": "push_off_bar=3.4,4.4", "gains": "proportional=2,4"}
+"""Option -> an example of its values."""
 
 
 @click.command("sweep")
@@ -77,7 +87,7 @@ WALK_STEP_MS = 1.0
 )
 @click.option(
     "--machine",
-    callback=_parse_machine,
+    callback=_parse_lists,
     multiple=True,
     metavar="NUMBER=V,...",
     help="With --rig walk: values of a number of the state machine, such as push_off_bar=3.4,4.4 (pressure) or "
@@ -93,18 +103,42 @@ WALK_STEP_MS = 1.0
 )
 @common.PUSHES_OPTION
 @click.option(
+    "--gain",
+    "gains",
+    callback=_parse_lists,
+    multiple=True,
+    metavar="NAME=V,...",
+    help="With --rig joint: values of a gain of the PID controller, proportional [1/rad], integral [1/(rad s)], "
+    "derivative [s/rad] or mean (action, -1 to 1); may be repeated for every combination.",
+)
+@click.option(
+    "--load",
+    "loads",
+    callback=_parse_numbers,
+    multiple=True,
+    metavar="KG,...",
+    help="With --rig joint: masses at the end of the lever [kg].  [default: that of the model, 1]",
+)
+@click.option(
+    "--episodes",
+    type=click.IntRange(1, 1000),
+    default=8,
+    metavar="N",
+    help="With --rig joint: episodes of each combination, each with another target.  [default: 8]",
+)
+@click.option(
     "--seconds",
     type=common.NumberWithUnit("s"),
-    default=20.0,
+    default=None,
     metavar="S",
-    help="With --rig walk: duration of a walk [s].  [default: 20]",
+    help="With --rig walk or joint: duration of a walk or an episode [s].  [default: 20, or 5 with --rig joint]",
 )
 @click.option(
     "--seed",
     type=click.IntRange(0),
     default=0,
     metavar="N",
-    help="With --rig walk: random seed of uneven ground.  [default: 0]",
+    help="With --rig walk or joint: random seed of uneven ground, or of the first target.  [default: 0]",
 )
 @click.option(
     "--speed",
@@ -197,7 +231,10 @@ def command(
     walkers: tuple[str, ...],
     uneven: list[float],
     pushes: tuple[tuple[float, float], ...],
-    seconds: float,
+    gains: dict[str, list[float]],
+    loads: list[float],
+    episodes: int,
+    seconds: float | None,
     seed: int,
     step_ms: float,
     jobs: int | None,
@@ -210,7 +247,9 @@ def command(
     """Simulate every combination of devices, controllers, references, subjects, speeds and slopes.
 
     Each combination is simulated like one call of 'klute-sim gait', or with --rig walk of 'klute-sim walk' with every
-    walker, on all cores or on a cluster, and gives one row of the table. If a combination fails, its row states the
+    walker, on all cores or on a cluster, and gives one row of the table. With --rig joint, a PID controller moves a
+    lever between two devices (klute_sim/AntagonistJoint-v0) along random targets, for every combination of devices,
+    gains and loads. If a combination fails, its row states the
     reason. Finished cases are stored at once: after an interrupt, the same command with the same --out resumes the
     sweep.
 
@@ -229,27 +268,40 @@ def command(
       klute-sim sweep --controller constant:2 --controller mine.csv --out my-sweep --csv
       klute-sim sweep --rig walk --machine push_off_bar=3.4,3.9,4.4 --machine lean_deg=10,14,18
       klute-sim sweep --rig walk --spring-foot 4,6,8 --push 10@25 --push -10@25
+      klute-sim sweep --rig joint --gain proportional=2,4,8 --gain integral=0,25 --load 0.5,1,2
       klute-sim sweep --mass 60,75,90 --ray local
       klute-sim sweep --mass 60,75,90 --ray 10.0.0.1:6379 --json | python -m json.tool
     """
     from klute_sim.api.rendering import print_summary
-    from klute_sim.api.sweep import sweep, sweep_walks
+    from klute_sim.api.sweep import sweep, sweep_joint, sweep_walks
     from klute_sim.cli.console import progress_bar, stderr_console, stdout_console
     from klute_sim.parameter_sweep.plan import ABLE_BODIED_REFERENCE
 
     common.check_ray_options(ray_address, jobs)
-    common.check_rig_options(context, rig, GAIT_OPTIONS, WALK_OPTIONS)
+    common.check_rig_options(context, rig, OPTION_RIGS)
     execution: dict[str, Any] = {"folder": out, "n_jobs": jobs or 0, "ray_address": ray_address}
     conditions["slopes"] = slopes or [0.0]
     with progress_bar("simulating") as progress:
-        if rig == "walk":
+        if rig == "joint":
+            result = sweep_joint(
+                conditions["devices"],
+                gains=gains,
+                loads=loads or [None],
+                episodes=episodes,
+                seconds=EPISODE_SECONDS if seconds is None else seconds,
+                seed=seed,
+                time_step=1e-3 * step_ms,
+                progress=progress,
+                **execution,
+            )
+        elif rig == "walk":
             result = sweep_walks(
                 **conditions,
                 machine=machine,
                 walkers=walkers,
                 uneven=uneven or [0.0],
                 pushes=pushes or [(0.0, 0.0)],
-                seconds=seconds,
+                seconds=WALK_SECONDS if seconds is None else seconds,
                 seed=seed,
                 time_step=1e-3 * (step_ms if common.is_given(context, "step_ms") else WALK_STEP_MS),
                 progress=progress,

@@ -8,12 +8,22 @@ import click
 
 from klute_sim.cli import common
 
-GAIT_OPTIONS = (*("profile_path", "goal_human", "reference", "stride_time", "accept", "mass", "stature", "slope"),)
-"""Options that only the gait rig takes."""
-WALK_OPTIONS = ("machine", "machine_keys", "walkers", "seconds", "uneven", "pushes")
-"""Options that only the predicted walk takes."""
-GAIT_BUDGET, WALK_BUDGET = 600, 150
-"""Default number of evaluations on the gait rig and in predicted walks."""
+GAIT, WALK, JOINT = ("gait",), ("walk",), ("joint",)
+GAIT_NAMES = ("profile_path", "goal_human", "reference", "stride_time", "accept", "mass", "stature", "slope")
+OPTION_RIGS = {
+    **dict.fromkeys(GAIT_NAMES, GAIT),
+    **dict.fromkeys(("foot", "speed"), (*GAIT, *WALK)),
+    **dict.fromkeys(("machine", "walkers", "uneven", "pushes"), WALK),
+    **dict.fromkeys(("controller_keys", "seconds"), (*WALK, *JOINT)),
+    **dict.fromkeys(("gains", "load", "episodes"), JOINT),
+}
+"""Option -> rigs that take it."""
+EXAMPLES = {"--weight": "air=0.5", "--gain": "proportional=4"}
+"""Option -> an example of its value."""
+GAIT_BUDGET, BUDGET = 600, 150
+"""Default number of evaluations on the gait rig and elsewhere."""
+WALK_SECONDS, EPISODE_SECONDS = 10.0, 5.0
+"""Default duration of a predicted walk and of an episode of the joint [s]."""
 
 
 @click.command("tune")
@@ -35,20 +45,43 @@ GAIT_BUDGET, WALK_BUDGET = 600, 150
     help="With --rig walk: initial state machine (.toml).  [default: the state machine of the package]",
 )
 @click.option(
+    "--gain",
+    "gains",
+    multiple=True,
+    metavar="NAME=V",
+    help="With --rig joint: initial gain of the PID controller, proportional [1/rad], integral [1/(rad s)], "
+    "derivative [s/rad] or mean (action, -1 to 1); may be repeated.  [default: the gains of the package]",
+)
+@click.option(
+    "--load",
+    type=common.NumberWithUnit("kg"),
+    default=None,
+    metavar="KG",
+    help="With --rig joint: mass at the end of the lever [kg].  [default: that of the model, 1]",
+)
+@click.option(
+    "--episodes",
+    type=click.IntRange(1, 1000),
+    default=8,
+    metavar="N",
+    help="With --rig joint: episodes of an evaluation; the best points have twice as many at the end.  [default: 8]",
+)
+@click.option(
     "--only",
-    "machine_keys",
+    "controller_keys",
     multiple=True,
     metavar="NUMBER",
-    help="With --rig walk: number of the state machine to tune, such as push_off_bar; may be repeated.  [default: all "
-    "pressures, and lean_deg]",
+    help="Number to tune: with --rig walk of the state machine, such as push_off_bar; with --rig joint a gain; may be "
+    "repeated.  [default: all pressures, and lean_deg; all gains]",
 )
 @common.WALKERS_OPTION
 @click.option(
     "--seconds",
     type=common.NumberWithUnit("s"),
-    default=10.0,
+    default=None,
     metavar="S",
-    help="With --rig walk: duration of a walk [s]; the best points walk twice as long at the end.  [default: 10]",
+    help="With --rig walk or joint: duration of a walk or an episode [s]; the best points walk twice as long at the "
+    "end.  [default: 10, or 5 with --rig joint]",
 )
 @click.option(
     "--uneven",
@@ -79,8 +112,8 @@ GAIT_BUDGET, WALK_BUDGET = 600, 150
     multiple=True,
     metavar="TERM=W",
     help="Weight of the TERM moment, angle, power [1/sd²] or air [1/g], or with --rig walk effort [kg·m/J], speed "
-    "[s/m] or symmetry [1]; may be repeated.  [default: moment=1, angle=1, power=1, air=0.1; effort=1, speed=10, "
-    "symmetry=10]",
+    "[s/m] or symmetry [1], or with --rig joint angle [1/deg] or smoothness [1]; may be repeated.  [default: moment=1, "
+    "angle=1, power=1, air=0.1; effort=1, speed=10, symmetry=10; angle=1, smoothness=10]",
 )
 @common.subject_options
 @click.option(
@@ -88,7 +121,8 @@ GAIT_BUDGET, WALK_BUDGET = 600, 150
     type=click.IntRange(1, 1_000_000),
     default=None,
     metavar="N",
-    help="Number of evaluations, rounded up to whole generations of the search.  [default: 600; 150 with --rig walk]",
+    help="Number of evaluations, rounded up to whole generations of the search.  [default: 600; 150 with --rig walk or "
+    "joint]",
 )
 @click.option(
     "--seed",
@@ -110,9 +144,12 @@ def command(
     profile_path: Path | None,
     goal_human: bool,
     machine: Path | None,
-    machine_keys: tuple[str, ...],
+    gains: tuple[str, ...],
+    load: float | None,
+    episodes: int,
+    controller_keys: tuple[str, ...],
     walkers: tuple[str, ...],
-    seconds: float,
+    seconds: float | None,
     uneven: float,
     pushes: tuple[tuple[float, float], ...],
     weights: tuple[str, ...],
@@ -144,6 +181,9 @@ def command(
     metabolic cost, deviation from the speed (--speed, 1.25 m/s by default) and step asymmetry, and falls, which cost
     more than any walk. The persons do not adapt to what is tuned. It writes tuned.toml in place of tuned.csv.
 
+    With --rig joint it tunes the PID controller, and optionally the devices, of a lever between two devices
+    (klute_sim/AntagonistJoint-v0) for small errors of the angle and calm commands. It writes tuned.toml, the gains.
+
     Writes tuned.csv (for gait --controller), device.toml if the device is tuned, tuning.png (tracking error over air),
     a CSV file with one row per evaluation, tuning.json, and one file per evaluation. Needs the optional extra 'tune'.
 
@@ -156,28 +196,45 @@ def command(
       klute-sim gait --controller human/tuned.csv --device human/device.toml
       klute-sim tune --rig walk --only push_off_bar --only lean_deg --out walking
       klute-sim walk --controller walking/tuned.toml
+      klute-sim tune --rig joint --load 2 --only proportional --only integral --out heavy
     """
+    from klute_sim.api.joint_tuning import JointTuningResult, tune_joint
     from klute_sim.api.rendering import print_summary
     from klute_sim.api.tuning import TuningResult, tune
     from klute_sim.api.walk_tuning import WalkTuningResult, tune_walk
     from klute_sim.cli.console import progress_bar, stdout_console
+    from klute_sim.envs.antagonist_joint import DEFAULT_JOINT_DEVICE
 
-    common.check_rig_options(context, rig, GAIT_OPTIONS, WALK_OPTIONS)
-    search: dict[str, Any] = {"with_device": with_device, "device_keys": device_keys, "seed": seed, "foot": foot}
-    search |= {"weights": _parse_weights(weights), "folder": out, "n_jobs": jobs}
-    result: TuningResult | WalkTuningResult
+    common.check_rig_options(context, rig, OPTION_RIGS)
+    search: dict[str, Any] = {"with_device": with_device, "device_keys": device_keys, "seed": seed}
+    search |= {"weights": _parse_numbers("--weight", weights), "folder": out, "n_jobs": jobs}
+    result: TuningResult | WalkTuningResult | JointTuningResult
     with progress_bar("tuning") as progress:
-        if rig == "walk":
-            walk: dict[str, Any] = {"machine_keys": machine_keys} if machine_keys else {}
+        if rig == "joint":
+            joint: dict[str, Any] = {"gain_keys": controller_keys} if controller_keys else {}
+            result = tune_joint(
+                device_name if common.is_given(context, "device_name") else DEFAULT_JOINT_DEVICE,
+                gains=_parse_numbers("--gain", gains),
+                load=load,
+                episodes=episodes,
+                seconds=EPISODE_SECONDS if seconds is None else seconds,
+                budget=budget or BUDGET,
+                progress=progress,
+                **joint,
+                **search,
+            )
+        elif rig == "walk":
+            walk: dict[str, Any] = {"machine_keys": controller_keys} if controller_keys else {}
             walk |= {} if speed is None else {"speed": speed}
             result = tune_walk(
                 device_name,
                 machine=machine,
+                foot=foot,
                 walkers=walkers,
-                seconds=seconds,
+                seconds=WALK_SECONDS if seconds is None else seconds,
                 uneven=uneven,
                 pushes=pushes or [(0.0, 0.0)],
-                budget=budget or WALK_BUDGET,
+                budget=budget or BUDGET,
                 progress=progress,
                 **walk,
                 **search,
@@ -186,6 +243,7 @@ def command(
             result = tune(
                 device_name,
                 profile=profile_path,
+                foot=foot,
                 goal_human=goal_human,
                 budget=budget or GAIT_BUDGET,
                 speed=speed,
@@ -202,14 +260,16 @@ def command(
     console.print(f"Folder: {result.folder}  ({', '.join(content['files'])})", soft_wrap=True)
 
 
-def _parse_weights(texts: tuple[str, ...]) -> dict[str, float]:
+def _parse_numbers(option: str, texts: tuple[str, ...]) -> dict[str, float]:
     from klute_sim.errors import InputError
 
-    weights = {}
+    numbers = {}
     for text in texts:
         name, _, value = text.partition("=")
         try:
-            weights[name] = float(value)
+            numbers[name] = float(value)
         except ValueError:
-            raise InputError(f"--weight is '{text}'; allowed: a term and a number, such as air=0.5") from None
-    return weights
+            raise InputError(
+                f"{option} is '{text}'; allowed: a name and a number, such as {EXAMPLES[option]}"
+            ) from None
+    return numbers

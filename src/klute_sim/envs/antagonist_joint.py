@@ -75,6 +75,7 @@ class AntagonistJointEnv(ScheduledTaskEnv):
         device: Device | str | Path | Mapping[str, Device | str | Path] = DEFAULT_JOINT_DEVICE,
         duration: float = 5.0,
         time_step: float = 5e-4,
+        load: float | None = None,
         backend: str = "auto",
         render_mode: str | None = None,
         width: int = 480,
@@ -83,11 +84,12 @@ class AntagonistJointEnv(ScheduledTaskEnv):
     ) -> None:
         """Create the environment with a ``device`` (preset, path or Device) on both tendons, or one for each.
 
-        ``duration`` [s] of an episode, ``time_step`` [s]; ``backend`` is auto, compiled or python. With the
-        ``render_mode`` human, rgb_array or depth_array it draws, from a ``camera`` of the model (side), images of
-        ``width`` and ``height`` [pixels]. Raises InputError when an option is invalid.
+        ``duration`` [s] of an episode, ``time_step`` [s], ``load`` at the end of the lever [kg] (None: 1); ``backend``
+        is auto, compiled or python. With the ``render_mode`` human, rgb_array or depth_array it draws, from a
+        ``camera`` of the model (side), images of ``width`` and ``height`` [pixels]. Raises InputError when an option is
+        invalid.
         """
-        options = JointOptions(duration=duration, time_step=time_step)
+        options = JointOptions(duration=duration, time_step=time_step, load=load)
         chosen_backend = callbacks.choose_backend(backend)
         render_options = RenderOptions(render_mode=render_mode, width=width, height=height, camera=camera)
         super().__init__(JointTask(resolve_devices(device), options, 1, chosen_backend), chosen_backend, render_options)

@@ -33,6 +33,7 @@ class AntagonistJointVectorEnv(ScheduledTaskVectorEnv):
         device: Device | str | Path | Mapping[str, Device | str | Path] = DEFAULT_JOINT_DEVICE,
         duration: float = 5.0,
         time_step: float = 5e-4,
+        load: float | None = None,
         n_jobs: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
@@ -56,7 +57,7 @@ class AntagonistJointVectorEnv(ScheduledTaskVectorEnv):
             height=height,
             camera=camera,
         )
-        options = JointOptions(duration=duration, time_step=time_step)
+        options = JointOptions(duration=duration, time_step=time_step, load=load)
         super().__init__(
             JointTask(resolve_devices(device), options, num_envs, callbacks.choose_backend()), vector_options
         )

@@ -4,6 +4,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.envs.base.task import CONTROL_INTERVAL
+from klute_sim.errors import InputError
+
+DEFAULT_GAINS = {"proportional": 4.0, "integral": 25.0, "derivative": 0.1, "mean": 0.0}
+"""Default gains per rad, per rad s and per rad/s of error, and mean action.
+
+Assumed: tuned by hand for two klute-3-4-pair on the default joint.
+"""
+MAX_GAIN = 1e4
+"""Largest gain."""
 
 
 class PidController:
@@ -14,12 +23,21 @@ class PidController:
     """
 
     def __init__(
-        self, proportional: float = 4.0, integral: float = 25.0, derivative: float = 0.1, mean: float = 0.0
+        self,
+        proportional: float = DEFAULT_GAINS["proportional"],
+        integral: float = DEFAULT_GAINS["integral"],
+        derivative: float = DEFAULT_GAINS["derivative"],
+        mean: float = DEFAULT_GAINS["mean"],
     ) -> None:
-        """Set gains per rad, per rad s and per rad/s of error, and the ``mean`` action (-1 to 1).
+        """Set gains per rad, per rad s and per rad/s of error, and the ``mean`` action (between -1 and 1).
 
-        The default gains are assumed: tuned by hand for two klute-3-4-pair on the default joint.
+        Raises InputError when a number is out of range.
         """
+        for name, gain in (("proportional", proportional), ("integral", integral), ("derivative", derivative)):
+            if not 0.0 <= gain <= MAX_GAIN:
+                raise InputError(f"the gain {name} is {gain:g}; allowed: 0 to {MAX_GAIN:g}")
+        if not -1.0 < mean < 1.0:
+            raise InputError(f"the mean action is {mean:g}; allowed: above -1, below 1")
         self.proportional, self.integral, self.derivative, self.mean = proportional, integral, derivative, mean
         self._sum: NDArray[np.float64] = np.zeros(())
 

@@ -1,6 +1,6 @@
 """Table and remarks of a sweep for a terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rich import box
@@ -40,23 +40,65 @@ METRIC_FORMATS = {
 """Title and format of each metric by column; the files contain more metrics."""
 
 
+JOINT_INPUT_TITLES = {
+    "device": "device",
+    "proportional [1/rad]": "proportional\n1/rad",
+    "integral [1/(rad*s)]": "integral\n1/(rad·s)",
+    "derivative [s/rad]": "derivative\ns/rad",
+    "mean_action [1]": "mean\naction",
+    "load [kg]": "load\nkg",
+}
+JOINT_METRIC_FORMATS = {
+    "angle_error_rms [deg]": ("rms error\ndeg", ".2f"),
+    "angle_error_max [deg]": ("max error\ndeg", ".1f"),
+    "reward [1]": ("reward\n", ".3f"),
+    "action_change_rms [1]": ("rms action\nchange", ".4f"),
+}
+"""As above, for a sweep of the controlled joint."""
+
+
+def format_joint_table(rows: Sequence[SweepRow]) -> Table:
+    """Return the first rows of a sweep of the controlled joint, as :func:`format_table`."""
+    return _format_rows(rows, JOINT_INPUT_TITLES, JOINT_METRIC_FORMATS, "model", lambda row: row[FAILURE_COLUMN] or "")
+
+
+def collect_joint_remarks(rows: Sequence[SweepRow], n_failed: int) -> list[str]:
+    """Return the remarks that belong to the table of the controlled joint, one sentence each."""
+    first = rows[0]
+    scope = (
+        f"Each row is the mean over {first['episodes [1]']} episodes of {first['duration_requested [s]']:g} s with the "
+        "same targets."
+    )
+    return [scope, *_describe_size(rows, n_failed)]
+
+
 def format_table(rows: Sequence[SweepRow]) -> Table:
     """Return the first rows: the inputs that vary, the main metrics, and the failure or a remark."""
-    varied = {column: title for column, title in INPUT_TITLES.items() if len({row[column] for row in rows}) > 1}
+    return _format_rows(rows, INPUT_TITLES, METRIC_FORMATS, REFERENCE_SPEED, _format_remark)
+
+
+def _format_rows(
+    rows: Sequence[SweepRow],
+    input_titles: Mapping[str, str],
+    metric_formats: Mapping[str, tuple[str, str]],
+    placeholder: str,
+    format_remark: Callable[[SweepRow], str],
+) -> Table:
+    varied = {column: title for column, title in input_titles.items() if len({row[column] for row in rows}) > 1}
     table = Table(title=Text(f"{len(rows)} cases"), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for column, title in varied.items():
-        longest = max(len(format_cell(row[column], ".4g", REFERENCE_SPEED)) for row in rows)
+        longest = max(len(format_cell(row[column], ".4g", placeholder)) for row in rows)
         table.add_column(title, overflow="fold", min_width=min(longest, MIN_NAME_WIDTH_CHARS))
-    for title, _ in METRIC_FORMATS.values():
+    for title, _ in metric_formats.values():
         table.add_column(title, justify="right", no_wrap=True)
     table.add_column("", min_width=len(UNTRACKED_REMARK))
     for row in rows[:MAX_ROWS_SHOWN]:
-        inputs = [format_cell(row[column], ".4g", REFERENCE_SPEED) for column in varied]
+        inputs = [format_cell(row[column], ".4g", placeholder) for column in varied]
         values = [
             "-" if row[column] is None else format(row[column], format_spec)
-            for column, (_, format_spec) in METRIC_FORMATS.items()
+            for column, (_, format_spec) in metric_formats.items()
         ]
-        table.add_row(*inputs, *values, _format_remark(row))
+        table.add_row(*inputs, *values, format_remark(row))
     return table
 
 
@@ -75,11 +117,7 @@ def format_cell(value: Any, format_spec: str, placeholder: str = "-") -> str:
 
 def collect_remarks(rows: Sequence[SweepRow], n_failed: int) -> list[str]:
     """Return the remarks that belong to the table, one sentence each."""
-    remarks = []
-    if len(rows) > MAX_ROWS_SHOWN:
-        remarks.append(f"The first {MAX_ROWS_SHOWN} of {len(rows)} cases are shown; the files contain all of them.")
-    if n_failed:
-        remarks.append(f"{n_failed} of {len(rows)} cases failed; the column 'failure' gives the reasons.")
+    remarks = _describe_size(rows, n_failed)
     n_trips, n_untracked, n_lost = (sum(bool(row[column]) for row in rows) for column in STATUS_COLUMNS)
     if n_trips:
         remarks.append(f"In {n_trips} of {len(rows)} cases the foot touches the ground in swing (column 'trips').")
@@ -94,4 +132,13 @@ def collect_remarks(rows: Sequence[SweepRow], n_failed: int) -> list[str]:
             f"In {n_lost} of {len(rows)} cases the foot leaves the ground for an instant in stance (column "
             "'contact_lost')."
         )
+    return remarks
+
+
+def _describe_size(rows: Sequence[SweepRow], n_failed: int) -> list[str]:
+    remarks = []
+    if len(rows) > MAX_ROWS_SHOWN:
+        remarks.append(f"The first {MAX_ROWS_SHOWN} of {len(rows)} cases are shown; the files contain all of them.")
+    if n_failed:
+        remarks.append(f"{n_failed} of {len(rows)} cases failed; the column 'failure' gives the reasons.")
     return remarks

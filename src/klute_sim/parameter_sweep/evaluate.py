@@ -1,4 +1,4 @@
-"""Evaluate one case: simulate the gait and compute the metrics, or report why there are none."""
+"""Evaluate one case: simulate it and compute the metrics, or report why there are none."""
 
 import math
 import platform
@@ -11,16 +11,19 @@ from klute_sim.gait.reference import DEVIATION_COLUMNS, MAX_GRF_TRACKING_RMS_BW
 from klute_sim.gait.rig import rig
 from klute_sim.parameter_sweep.fingerprint import (
     describe_difference,
+    fingerprint_joint_software,
     fingerprint_software,
     fingerprint_walk_software,
 )
+from klute_sim.parameter_sweep.joint_metrics import compute_joint_metrics
+from klute_sim.parameter_sweep.joint_plan import JointCase
 from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.parameter_sweep.walk_metrics import compute_walk_metrics
 from klute_sim.parameter_sweep.walk_plan import WalkCase
 from klute_sim.recording.recording import Recording
 
 MetricValue = float | bool | None
-Case = GaitCase | WalkCase
+Case = GaitCase | WalkCase | JointCase
 UNEXPECTED_ERROR_PREFIX = "unexpected"
 """First word of a failure that is a bug of this package."""
 
@@ -66,6 +69,13 @@ METRIC_COLUMNS = (*SPATIOTEMPORAL_COLUMNS, *REFERENCE_DISTANCES, *STRIDE_METRICS
 """All metrics of a case, in the order of the table."""
 
 
+FINGERPRINTS: dict[type, Callable[[], dict[str, str]]] = {
+    **{GaitCase: fingerprint_software, WalkCase: fingerprint_walk_software},
+    JointCase: fingerprint_joint_software,
+}
+"""Kind of a case -> function that returns the fingerprint of its software."""
+
+
 @dataclass(frozen=True)
 class CaseResult:
     """Metrics of a case, or one sentence on why there are none."""
@@ -82,8 +92,7 @@ def evaluate_case(case: Case) -> CaseResult:
     Raises KluteSimError when this process runs other software than the process that planned the case, and MemoryError,
     which depends on the machine and not on the case.
     """
-    is_walk = isinstance(case, WalkCase)
-    software = fingerprint_walk_software() if is_walk else fingerprint_software()
+    software = FINGERPRINTS[type(case)]()
     if difference := describe_difference(software, case.software):
         raise KluteSimError(
             f"a worker process on '{platform.node()}' runs other software than the process that planned the sweep "
@@ -92,6 +101,8 @@ def evaluate_case(case: Case) -> CaseResult:
     try:
         if isinstance(case, WalkCase):
             return CaseResult(compute_walk_metrics(case))
+        if isinstance(case, JointCase):
+            return CaseResult(compute_joint_metrics(case))
         recording = rig.simulate_gait(case.device, case.controller, case.build_options())
         return CaseResult(_extract_metrics(recording, case))
     except KluteSimError as error:

@@ -25,6 +25,13 @@ def fingerprint_walk_software() -> dict[str, str]:
     return {**fingerprint_software(), "code": compute_code_digest(*paths)}
 
 
+@cache
+def fingerprint_joint_software() -> dict[str, str]:
+    """Return the fingerprint for the controlled joint, which also depends on its environment."""
+    paths = ("mechanism", "envs", "parameter_sweep/joint_plan.py", "parameter_sweep/joint_metrics.py")
+    return {**fingerprint_software(), "code": compute_code_digest(*paths)}
+
+
 def describe_difference(found: Mapping[str, str], expected: Mapping[str, str]) -> str:
     """Return what differs between two fingerprints, for the user; an empty string: nothing."""
     different = [name for name in (*expected, *found) if found.get(name) != expected.get(name)]

@@ -10,6 +10,7 @@ from klute_sim.errors import InputError, KluteSimError
 from klute_sim.files.json import read_json
 from klute_sim.files.limits import RESULT
 from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, CaseResult
+from klute_sim.parameter_sweep.joint_metrics import JOINT_METRIC_COLUMNS
 from klute_sim.parameter_sweep.walk_metrics import WALK_METRIC_COLUMNS
 from klute_sim.recording.atomic_file import is_temporary, remove_temporary_files, write_atomically
 from klute_sim.recording.folder_lock import LOCK_FILE_NAME, FolderLock
@@ -33,7 +34,8 @@ class ResultStore:
             result = CaseResult(dict(content["metrics"]), content["failure"])
         except (InputError, ValueError, KeyError, TypeError):
             return None
-        return result if result.failure or tuple(result.metrics) in (METRIC_COLUMNS, WALK_METRIC_COLUMNS) else None
+        known = METRIC_COLUMNS, WALK_METRIC_COLUMNS, JOINT_METRIC_COLUMNS
+        return result if result.failure or tuple(result.metrics) in known else None
 
     def put(self, key: str, result: CaseResult) -> None:
         """Write the result of the case with this ``key``; raises KluteSimError when it cannot be written."""

@@ -4,14 +4,12 @@ from collections.abc import Callable, Sequence
 
 from klute_sim.parameter_sweep import table
 from klute_sim.parameter_sweep.evaluate import Case, CaseResult
-from klute_sim.parameter_sweep.plan import SweepPlan
 from klute_sim.parameter_sweep.runner import Runner
 from klute_sim.parameter_sweep.store import ResultStore
-from klute_sim.parameter_sweep.walk_plan import WalkSweepPlan
 
 
 def run_sweep(
-    plan: SweepPlan | WalkSweepPlan,
+    plan: table.AnyPlan,
     store: ResultStore,
     runner: Runner,
     progress: Callable[[float], None] = lambda fraction: None,

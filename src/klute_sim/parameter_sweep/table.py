@@ -11,6 +11,8 @@ import pyarrow.parquet as pq
 
 from klute_sim.controllers.state_machine import StateMachine
 from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, STATUS_COLUMNS, Case, CaseResult
+from klute_sim.parameter_sweep.joint_metrics import JOINT_METRIC_COLUMNS
+from klute_sim.parameter_sweep.joint_plan import JointCase, JointSweepPlan
 from klute_sim.parameter_sweep.plan import GaitCase, SweepPlan
 from klute_sim.parameter_sweep.walk_metrics import WALK_METRIC_COLUMNS, WALK_STATUS_COLUMNS
 from klute_sim.parameter_sweep.walk_plan import WalkCase, WalkSweepPlan
@@ -50,6 +52,19 @@ WALK_INPUT_TYPES = {
     "duration_requested [s]": pa.float64(),
     "time_step [s]": pa.float64(),
 }
+JOINT_INPUT_TYPES = {
+    "device": pa.string(),
+    "device_sha256": pa.string(),
+    "proportional [1/rad]": pa.float64(),
+    "integral [1/(rad*s)]": pa.float64(),
+    "derivative [s/rad]": pa.float64(),
+    "mean_action [1]": pa.float64(),
+    "load [kg]": pa.float64(),
+    "episodes [1]": pa.int64(),
+    "seed [1]": pa.int64(),
+    "duration_requested [s]": pa.float64(),
+    "time_step [s]": pa.float64(),
+}
 FAILURE_COLUMN = "failure"
 
 
@@ -65,21 +80,30 @@ A numeric column is named ``name [unit]``, text and Boolean columns have no unit
 """
 WALK_COLUMN_TYPES = _list_types(WALK_INPUT_TYPES, WALK_METRIC_COLUMNS, WALK_STATUS_COLUMNS)
 """Arrow type by column of a sweep of walks."""
+JOINT_COLUMN_TYPES = _list_types(JOINT_INPUT_TYPES, JOINT_METRIC_COLUMNS, ())
+"""Arrow type by column of a sweep of the controlled joint."""
+AnyPlan = SweepPlan | WalkSweepPlan | JointSweepPlan
 
 KILLED_MESSAGE = "its process was killed in every attempt; the same command tries again"
 
 
-def get_column_types(plan: SweepPlan | WalkSweepPlan) -> dict[str, Any]:
+def get_column_types(plan: AnyPlan) -> dict[str, Any]:
     """Return the Arrow type by column of the sweep of ``plan``."""
+    if isinstance(plan, JointSweepPlan):
+        return JOINT_COLUMN_TYPES
     return WALK_COLUMN_TYPES if isinstance(plan, WalkSweepPlan) else COLUMN_TYPES
 
 
 def build_row(case: Case, result: CaseResult | None) -> SweepRow:
     """Return the row of ``case``; ``result`` is None when its process was killed in every attempt."""
-    is_walk = isinstance(case, WalkCase)
-    inputs = _collect_walk_inputs(case) if isinstance(case, WalkCase) else _collect_inputs(case)
+    columns: Sequence[str]
+    if isinstance(case, WalkCase):
+        inputs, columns = _collect_walk_inputs(case), WALK_METRIC_COLUMNS
+    elif isinstance(case, JointCase):
+        inputs, columns = _collect_joint_inputs(case), JOINT_METRIC_COLUMNS
+    else:
+        inputs, columns = _collect_inputs(case), METRIC_COLUMNS
     result = result or CaseResult({}, KILLED_MESSAGE)
-    columns = WALK_METRIC_COLUMNS if is_walk else METRIC_COLUMNS
     return {**inputs, **{column: result.metrics.get(column) for column in columns}, FAILURE_COLUMN: result.failure}
 
 
@@ -122,7 +146,15 @@ def _collect_walk_inputs(case: WalkCase) -> dict[str, Any]:
     }
 
 
-def write_parquet(rows: Sequence[SweepRow], plan: SweepPlan | WalkSweepPlan, path: Path) -> None:
+def _collect_joint_inputs(case: JointCase) -> dict[str, Any]:
+    values = (
+        *(case.device_name, case.device.digest, *case.gains.values(), case.load_kg),
+        *(case.episodes, case.seed, case.seconds, case.dt),
+    )
+    return dict(zip(JOINT_INPUT_TYPES, values, strict=True))
+
+
+def write_parquet(rows: Sequence[SweepRow], plan: AnyPlan, path: Path) -> None:
     """Write ``rows`` as Parquet: units in the metadata of the fields, the plan in the metadata of the schema."""
     fields = [
         pa.field(column, kind, metadata=_unit_metadata(column)) for column, kind in get_column_types(plan).items()

@@ -105,12 +105,12 @@ class DesignSpace:
         profile = PressureProfile(f"tuned from {self.profile.name}", *map(tuple, zip(*knots, strict=True)))
         return change_device(self.device, self.device_keys, numbers), profile
 
-    def compute_violation(self, x: Sequence[float] | Array) -> float:
-        """Return the sum of the squared distances of ``x`` from the bounds, in normalized units."""
-        return math.fsum(
-            variable.compute_violation(float(coordinate)) ** 2
-            for variable, coordinate in zip(self.variables, x, strict=True)
-        )
+
+def compute_violation(variables: Sequence[Parameter], x: Sequence[float] | Array) -> float:
+    """Return the sum of the squared distances of ``x`` from the bounds of ``variables``, in normalized units."""
+    return math.fsum(
+        variable.compute_violation(float(coordinate)) ** 2 for variable, coordinate in zip(variables, x, strict=True)
+    )
 
 
 def check_device_keys(device: Device, keys: Sequence[str]) -> None:

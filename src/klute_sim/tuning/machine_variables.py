@@ -1,6 +1,5 @@
 """Design variables of a state machine: pressures and timing of its states, and optionally numbers of the device."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -76,10 +75,3 @@ class MachineSpace:
             key: round(value, 6) for key, value in zip(self.machine_keys, values[:n_machine], strict=True)
         }
         return change_device(self.device, self.device_keys, values[n_machine:]), replace(self.machine, **changes)
-
-    def compute_violation(self, x: Sequence[float] | Array) -> float:
-        """Return the sum of the squared distances of ``x`` from the bounds, in normalized units."""
-        return math.fsum(
-            variable.compute_violation(float(coordinate)) ** 2
-            for variable, coordinate in zip(self.variables, x, strict=True)
-        )

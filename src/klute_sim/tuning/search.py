@@ -21,7 +21,7 @@ from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.parameter_sweep.runner import Runner
 from klute_sim.parameter_sweep.store import ResultStore
 from klute_sim.parameters import Parameter
-from klute_sim.tuning.design_variables import DesignSpace
+from klute_sim.tuning.design_variables import DesignSpace, compute_violation
 from klute_sim.tuning.objective import (
     FALL_COST,
     Goals,
@@ -77,6 +77,10 @@ class SearchProblem(Protocol[E_co]):
     @property
     def seed(self) -> int:
         """Random seed of the search."""
+
+    @property
+    def space(self) -> Any:
+        """Device, controller and design variables."""
 
     @property
     def variables(self) -> tuple[Parameter, ...]:
@@ -149,7 +153,7 @@ class TuningProblem:
 
     def make_evaluation(self, x: Array, results: Sequence[CaseResult] | None, generation: int) -> "Evaluation":
         """Return the evaluation of ``x`` from the result of its case; None: its numbers do not make a valid device."""
-        violation = self.space.compute_violation(x)
+        violation = compute_violation(self.variables, x)
         if results is None:
             return Evaluation(x, FALL_COST + violation, None, "the numbers do not make a valid device", generation)
         (result,) = results

@@ -21,8 +21,6 @@ SPEED_TOLERANCE = 0.02
 """Deviation from the target speed that costs nothing [m/s]."""
 WALK_FALL_COST = 100.0
 """Cost of a walk that falls at its end; one that falls at once costs twice as much."""
-INVALID_COST = 1e6
-"""Cost of numbers that make no valid device or controller, or of a simulation that fails."""
 
 
 @dataclass(frozen=True, kw_only=True)

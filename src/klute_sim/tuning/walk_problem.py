@@ -13,10 +13,11 @@ from klute_sim.parameter_sweep.evaluate import CaseResult
 from klute_sim.parameter_sweep.fingerprint import fingerprint_walk_software
 from klute_sim.parameter_sweep.walk_plan import NO_PUSH, WalkCase
 from klute_sim.parameters import Parameter
+from klute_sim.tuning.design_variables import compute_violation
 from klute_sim.tuning.machine_variables import MachineSpace
+from klute_sim.tuning.point_evaluation import INVALID_COST, PointEvaluation
 from klute_sim.tuning.search import INITIAL_SIGMA
 from klute_sim.tuning.walk_objective import (
-    INVALID_COST,
     WalkTuningMetrics,
     WalkWeights,
     compute_walk_cost,
@@ -29,20 +30,8 @@ FINE_DURATION_FACTOR = 2.0
 """Duration of the walks of a reevaluation over that of the search: selected points may profit from a short walk."""
 
 
-@dataclass(frozen=True)
-class WalkEvaluation:
-    """One evaluated point of the design space."""
-
-    x: Array
-    """Normalized point, one coordinate per design variable."""
-    cost: float
-    """Value of the objective, with the violation of the bounds."""
-    metrics: WalkTuningMetrics | None
-    """Means over the walks; None: the numbers are not valid, or a simulation failed."""
-    failure: str | None = None
-    """Reason of the failure; None: all walks were simulated, though persons may have fallen."""
-    generation: int = 0
-    """Generation of the search that proposed the point; 0: the initial point."""
+WalkEvaluation = PointEvaluation[WalkTuningMetrics]
+"""Evaluated point; its metrics are means over the walks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +92,7 @@ class WalkTuningProblem:
 
     def make_evaluation(self, x: Array, results: Sequence[CaseResult] | None, generation: int) -> WalkEvaluation:
         """Return the evaluation of ``x`` from the ``results`` of its walks; None: its numbers are not valid."""
-        violation = self.space.compute_violation(x)
+        violation = compute_violation(self.variables, x)
         if results is None:
             return WalkEvaluation(x, INVALID_COST + violation, None, "the numbers are not valid", generation)
         failures = [result.failure for result in results if result.failure is not None]

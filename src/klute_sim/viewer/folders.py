@@ -44,9 +44,17 @@ FOLDER_KINDS = (
         "tuning",
         "walk_evaluations.csv",
         "tuning.rrd",
-        "walk_tuning",
+        "one_objective",
         ("tuning.json", "walk_evaluations.csv"),
         "tune-walk.json",
+    ),
+    FolderKind(
+        "tuning",
+        "joint_evaluations.csv",
+        "tuning.rrd",
+        "one_objective",
+        ("tuning.json", "joint_evaluations.csv"),
+        "tune-joint.json",
     ),
     FolderKind("tuning", "evaluations.csv", "tuning.rrd", "tuning", ("tuning.json", "evaluations.csv"), "tune.json"),
     FolderKind(

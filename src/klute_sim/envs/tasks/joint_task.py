@@ -28,6 +28,10 @@ TENDONS = ("flexor", "extensor")
 """Tendons of the model, in the order of the actions."""
 JOINT = "joint"
 """Name of the joint."""
+LOAD_NUMBER = "model.geom.load.mass"
+"""Number of the model that the option ``load`` changes."""
+MIN_LOAD, MAX_LOAD = 0.01, 100.0
+"""Limits of the load [kg]."""
 MAX_FREQUENCY = 1.0
 """Highest frequency of the target angle [Hz]."""
 RANGE_FRACTION = 0.6
@@ -63,6 +67,8 @@ class JointOptions:
     """Duration of an episode [s]."""
     time_step: float = 5e-4
     """Time step [s]."""
+    load: float | None = None
+    """Mass at the end of the lever [kg]; None: that of the model."""
 
     def __post_init__(self) -> None:
         """Raise InputError when an option is invalid."""
@@ -71,6 +77,8 @@ class JointOptions:
         steps = CONTROL_INTERVAL / self.time_step if self.time_step > 0.0 else 0.0
         if not (np.isfinite(steps) and round(steps) >= 1 and abs(round(steps) * self.time_step - 0.01) < 1e-9):
             raise InputError(f"time_step is {1e3 * self.time_step:g} ms; allowed: divisors of 10 ms")
+        if self.load is not None and not MIN_LOAD <= self.load <= MAX_LOAD:
+            raise InputError(f"load is {self.load:g} kg; allowed: {MIN_LOAD:g} to {MAX_LOAD:g} kg")
 
     @property
     def steps_per_action(self) -> int:
@@ -113,7 +121,8 @@ class JointTask:
         file = load_model_file("antagonist_joint")
         mechanism = Mechanism(file, TENDONS, tuple(f"pressure_command_{name}" for name in TENDONS))
         parameters = {name: device.parameters for name, device in devices.items()}
-        self.model = mechanism.compile(parameters, mount_devices(file, devices), options.time_step)
+        numbers = mount_devices(file, devices) | ({} if options.load is None else {LOAD_NUMBER: options.load})
+        self.model = mechanism.compile(parameters, numbers, options.time_step)
         """MuJoCo model of the joint with both devices."""
         self.actuators = tuple(
             DeviceActuator(self.model, mechanism.find_actuator(self.model, name)) for name in TENDONS

@@ -24,10 +24,15 @@ NUMERIC_INPUTS = {
     "foot_stiffness [N*m/deg]": "foot_stiffness [N*m/deg]",
     "unevenness [mm]": "unevenness [mm]",
     "push [N*s]": "push [N*s]",
+    "proportional [1/rad]": "proportional [1/rad]",
+    "integral [1/(rad*s)]": "integral [1/(rad*s)]",
+    "derivative [s/rad]": "derivative [s/rad]",
+    "mean_action [1]": "mean_action [1]",
+    "load [kg]": "load [kg]",
 }
 """Requested input -> column of its actual value; without a requested speed it is the subject's own.
 
-A sweep of gait runs and one of predicted walks have some of these each.
+Each rig has some of these.
 """
 MACHINE_INPUTS = ("push_off_pressure [bar]", "push_off_lean [deg]")
 """Numbers of a state machine, which are inputs of predicted walks."""
@@ -44,6 +49,9 @@ CHARTED_METRICS = {
     "step_asymmetry [1]": "step asymmetry",
     "load_peak_left [1]": "peak load of the left leg [body weights]",
     "duration [s]": "time walked [s]",
+    "angle_error_rms [deg]": "rms error of the angle [deg]",
+    "reward [1]": "mean reward",
+    "force_flexor_mean [N]": "mean force of the flexor [N]",
 }
 """Column -> label of the charted metrics; the table has all metrics."""
 MAX_LEGEND_NAMES = 9

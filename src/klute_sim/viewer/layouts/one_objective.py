@@ -1,4 +1,4 @@
-"""Viewer recording of a tuning in predicted walks: objective and falls of every evaluation, and the tuned numbers."""
+"""Viewer recording of a tuning with one objective: objective and falls of every evaluation, and the tuned numbers."""
 
 from pathlib import Path
 from typing import Any
@@ -12,18 +12,20 @@ from klute_sim.types import Array
 from klute_sim.viewer import stream
 from klute_sim.viewer.stream import BLUE, GREY, RED, SeriesLine
 
+INVALID_COST = 1e6
+"""Cost from which on an evaluation has failed."""
 TIMELINE, RESULT_ENTITY = "evaluation", "result"
-EVALUATIONS_FILE = "walk_evaluations.csv"
-"""File with one row per evaluation, in their order."""
+EVALUATIONS_FILES = {"walk": "walk_evaluations.csv", "joint": "joint_evaluations.csv"}
+"""Rig -> file with one row per evaluation, in their order."""
 EVALUATION_COLUMNS = ("evaluation", "generation", "cost", "falls")
-"""Columns of that file; an evaluation with numbers that are not valid has no falls."""
+"""Columns of that file; falls are empty for the joint, and for an evaluation with numbers that are not valid."""
 
 
 def rebuild_recording(folder: Path, path: Path) -> None:
     """Write ``path`` (.rrd) from the files in the ``folder`` of a tuning; raises MissingExtraError without rerun."""
     rr = stream.import_rerun()
     result = read_json(folder / "tuning.json", RESULT)
-    lines = read_csv_records(folder / EVALUATIONS_FILE, RESULT)
+    lines = read_csv_records(folder / EVALUATIONS_FILES[result["rig"]], RESULT)
     evaluations = {name: np.array([float(line[name] or "nan") for line in lines]) for name in EVALUATION_COLUMNS}
     with stream.open_recording(path, "tuning", [result, lines], build_blueprint) as out:
         stream.log_text(out, RESULT_ENTITY, format_page(result))
@@ -32,13 +34,15 @@ def rebuild_recording(folder: Path, path: Path) -> None:
 
 
 def build_lines(evaluations: dict[str, Array]) -> list[SeriesLine]:
-    """Build the lines of the objective, without evaluations in which somebody falls, its minimum, and the falls."""
-    cost = np.where(evaluations["falls"] == 0.0, evaluations["cost"], np.nan)
-    return [
-        SeriesLine("objective/all", "objective, nobody falls", GREY, 3.0, cost, markers_only=True),
+    """Build the lines of the objective, without failures and falls, its minimum, and the falls where there are any."""
+    falls = evaluations["falls"]
+    is_valid = (evaluations["cost"] < INVALID_COST) & ~(falls > 0.0)
+    cost = np.where(is_valid, evaluations["cost"], np.nan)
+    lines = [
+        SeriesLine("objective/all", "objective", GREY, 3.0, cost, markers_only=True),
         SeriesLine("objective/minimum", "running minimum", BLUE, 2.5, np.fmin.accumulate(cost)),
-        SeriesLine("falls", "falls", RED, 2.0, evaluations["falls"], markers_only=True),
     ]
+    return [*lines, SeriesLine("falls", "falls", RED, 2.0, falls, markers_only=True)] if (falls > 0.0).any() else lines
 
 
 def format_page(result: dict[str, Any]) -> str:
@@ -51,8 +55,7 @@ def format_page(result: dict[str, Any]) -> str:
     return "\n\n".join(
         [
             f"# The objective fell by {reduction:.0f} % in {result['evaluations']} evaluations (seed {result['seed']})",
-            f"Means over the walks of {result['seconds']:g} s of: {', '.join(result['walkers'])}. The persons have not "
-            "adapted to the tuned state machine.",
+            result["scope"],
             stream.format_markdown_table(["", "before", "tuned"], rows),
             stream.format_markdown_table(["tuned number", "before", "tuned"], variables),
         ]

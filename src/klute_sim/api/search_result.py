@@ -1,0 +1,203 @@
+"""The result of a search with one objective (:mod:`klute_sim.tuning.search`): best point, files and figure."""
+
+import json
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+
+from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.sweep import explain_interrupt
+from klute_sim.device.device import Device
+from klute_sim.files.toml import format_toml
+from klute_sim.parameter_sweep.local import LocalRunner
+from klute_sim.parameter_sweep.store import ResultStore
+from klute_sim.recording.atomic_file import replace_atomically, write_atomically
+from klute_sim.tuning.search import (
+    MAX_REEVALUATIONS,
+    REEVALUATED_FRACTION,
+    E,
+    SearchProblem,
+    optimize,
+    reevaluate,
+    select_best,
+)
+from klute_sim.types import ProgressCallback
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+P = TypeVar("P", bound=SearchProblem[Any])
+
+
+def run_search(
+    problem: SearchProblem[E], budget: int, store: ResultStore, n_jobs: int, progress: ProgressCallback | None
+) -> tuple[list[E], list[E]]:
+    """Return the evaluations of a search of ``budget`` evaluations, and the finer ones of its best points."""
+    n_expected = budget + min(REEVALUATED_FRACTION * budget, MAX_REEVALUATIONS)
+
+    def report(n_done: int) -> None:
+        if progress is not None:
+            progress(min(1.0, n_done / n_expected), "tuning")
+
+    with store.lock(), explain_interrupt(store.folder), LocalRunner(n_jobs) as runner:
+        evaluations = optimize(problem, budget, store, runner.run, report)
+        return evaluations, reevaluate(problem, evaluations, store, runner.run, report)
+
+
+@dataclass(frozen=True, repr=False)
+class SearchResult(ABC, Generic[P, E]):
+    """The evaluations of a search, and the best of them in finer simulations."""
+
+    rig: ClassVar[str]
+    """Rig of the simulations, as ``klute-sim tune --rig`` names it."""
+
+    problem: P
+    """Design space, simulations and objective."""
+    evaluations: list[E]
+    """All evaluations of the search, the initial point first."""
+    reevaluations: list[E]
+    """Finer evaluations: the initial point, then some of the best points."""
+    folder: Path
+    """Folder that holds the results of the evaluations."""
+
+    @property
+    def initial(self) -> E:
+        """Reevaluation of the initial point."""
+        return self.reevaluations[0]
+
+    @property
+    def best(self) -> E:
+        """Reevaluation of least cost."""
+        return select_best(self.reevaluations)
+
+    @property
+    def device(self) -> Device:
+        """Tuned device; the initial device when only the controller was tuned."""
+        device: Device = self.problem.space.decode(self.best.x)[0]
+        return device
+
+    @property
+    @abstractmethod
+    def controller_numbers(self) -> dict[str, Any]:
+        """Tuned numbers of the controller, as ``tuned.toml`` holds them."""
+
+    @property
+    @abstractmethod
+    def scope(self) -> str:
+        """Sentence that states what was simulated."""
+
+    @abstractmethod
+    def describe_metrics(self, evaluation: E) -> dict[str, Any] | None:
+        """Return the metrics of ``evaluation`` by name; None where a simulation failed."""
+
+    @abstractmethod
+    def format_metrics(self) -> list[list[str]]:
+        """Return the rows of the table of metrics: label, before, tuned."""
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """Content of tuning.json, without the folder and the list of files."""
+        before_and_tuned = {"before": self.initial, "tuned": self.best}
+        return {
+            "rig": self.rig,
+            "evaluations": len(self.evaluations),
+            "seed": self.problem.seed,
+            "scope": self.scope,
+            "cost": {name: evaluation.cost for name, evaluation in before_and_tuned.items()},
+            "metrics": {name: self.describe_metrics(evaluation) for name, evaluation in before_and_tuned.items()},
+            "design_variables": {
+                variable.name: {"before": variable.initial, "tuned": variable.denormalize(float(x))}
+                for variable, x in zip(self.problem.variables, self.best.x, strict=True)
+            },
+        }
+
+    def format_summary(self) -> Summary:
+        """Yield the table of metrics and of tuned numbers, the change of the objective, and what was simulated."""
+        yield self._build_table()
+        reduction = 100.0 * (1.0 - self.best.cost / self.initial.cost)
+        yield (
+            f"The objective fell by {reduction:.0f} % in {len(self.evaluations)} evaluations "
+            f"(seed {self.problem.seed})."
+        )
+        yield self.scope
+
+    def _build_table(self) -> "Table":
+        from rich import box
+        from rich.table import Table
+
+        table = Table(box=box.SIMPLE_HEAD)
+        table.add_column("")
+        for name in ("before", "tuned"):
+            table.add_column(name, justify="right")
+        rows = self.format_metrics()
+        for number, row in enumerate(rows, 1):
+            table.add_row(*row, end_section=number == len(rows))
+        for name, values in self.summary["design_variables"].items():
+            table.add_row(name, f"{values['before']:.4g}", f"{values['tuned']:.4g}")
+        return table
+
+    def __repr__(self) -> str:
+        """Return one line: number of evaluations, cost before and after, and the folder."""
+        cost = f"cost {self.initial.cost:.3g} -> {self.best.cost:.3g}"
+        return f"{type(self).__name__}({len(self.evaluations)} evaluations, {cost}, folder={str(self.folder)!r})"
+
+    def __str__(self) -> str:
+        """Return the summary that the terminal shows."""
+        return render_text(self.format_summary())
+
+    def _repr_html_(self) -> str:
+        return render_html(self.format_summary())
+
+    def plot(self) -> "Figure":
+        """Return the figure of the objective over the evaluations."""
+        import numpy as np
+        from matplotlib.figure import Figure
+
+        costs = np.array([evaluation.cost for evaluation in self.evaluations])
+        figure = Figure(figsize=(7.0, 4.0), layout="constrained")
+        axis = figure.subplots()
+        axis.plot(costs, ".", color="#999999", label="evaluations")
+        axis.plot(np.minimum.accumulate(costs), color="#1f77b4", label="best so far")
+        axis.set_ylim(top=max(2.0 * float(costs[0]), float(costs[0]) + 1.0))
+        axis.set_xlabel("evaluation")
+        axis.set_ylabel("objective")
+        axis.legend()
+        return figure
+
+    def save(self, folder: str | Path | None = None) -> Path:
+        """Write the files of ``klute-sim tune`` into ``folder``; None: the folder of the evaluations.
+
+        Returns the folder.
+        """
+        target = self.folder if folder is None else Path(folder)
+        self.write_files(target)
+        return target
+
+    def write_files(self, folder: Path) -> dict[str, Any]:
+        """Write all files into ``folder`` and return the content of tuning.json."""
+        from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.viewer.layouts.one_objective import EVALUATION_COLUMNS, EVALUATIONS_FILES
+
+        evaluations_file = EVALUATIONS_FILES[self.rig]
+        rows = [
+            f"{number},{e.generation},{e.cost!r},{self.count_falls(e)}" for number, e in enumerate(self.evaluations)
+        ]
+        files = [evaluations_file, "tuned.toml", "tuning.json", "tuning.png"]
+        with ResultStore(folder).translate_write_errors():
+            folder.mkdir(parents=True, exist_ok=True)
+            if self.problem.space.device_keys:
+                write_atomically(folder / "device.toml", self.device.content.decode("utf-8-sig"))
+                files.append("device.toml")
+            with replace_atomically(folder / "tuning.png") as temporary:
+                self.plot().savefig(temporary, dpi=COMPACT_DPI)
+            write_atomically(folder / "tuned.toml", format_toml(self.controller_numbers))
+            write_atomically(folder / evaluations_file, "\n".join([",".join(EVALUATION_COLUMNS), *rows]) + "\n")
+            content = {"folder": str(folder), "files": sorted(files), **self.summary}
+            write_atomically(folder / "tuning.json", json.dumps(content, indent=2, allow_nan=False) + "\n")
+        return content
+
+    def count_falls(self, evaluation: E) -> int | str:
+        """Return the number of simulations of ``evaluation`` that end in a fall; '' where none can."""
+        return ""
