@@ -74,11 +74,6 @@ EFFECTS: Forms = {
         "stick_fraction": HiddenParameter(0.05, 3, 0.6, None),
         "stribeck_speed_mm_per_s": HiddenParameter(1, 200, 15, None),
     },
-    ("seal_friction", "pressure"): {
-        "force_n": HiddenParameter(0, 200, 8),
-        "growth_per_bar": HiddenParameter(0.01, 5, 0.3, None),
-        "stiffness_n_per_mm": HiddenParameter(1, 1000, 50, None),
-    },
     ("trapped_air", "isothermal"): {"air_volume_cm3": HiddenParameter(0, 10, 1)},
     ("rod_side_area", "single_rod"): {"rod_diameter_mm": HiddenParameter(0, 18, 8)},
     ("cavitation", "charge"): {"inverse_charge_per_bar": HiddenParameter(0, 1, 0.3)},
@@ -173,6 +168,7 @@ VALVE_EFFECTS = {"leak"}
 EXACT_TWINS = {
     "braid_hysteresis": ("seal_friction",),
     "joint_friction": ("seal_friction",),
+    "discharge_loss": ("number_error",),
     "laminar_orifice": ("oil_temperature",),
     "oil_temperature": ("laminar_orifice",),
 }
@@ -182,7 +178,7 @@ catalogue is removed together with them.
 A seal that rubs in proportion to pressure is a braid that does. Seals of both muscles rub on a pulley as its bearing
 does, but for the stretch of the cables (they take 93 % of the squared error of prediction that the friction of the
 joint leaves). Oil a little colder than its transition speed allows for is laminar flow: their sensitivities have a
-cosine of 0.98, and no change of the rig splits them."""
+cosine of 0.98, and no change of the rig splits them. An orifice that loses flow is a wrong bore or oil density."""
 KNOWN_VALVE: dict[str, Any] = {
     "name": "choked_valve",
     "form": "symmetric",
@@ -219,6 +215,12 @@ OTHER_FORMS: Forms = {
     },
     ("end_taper", "quadratic"): {"factor": HiddenParameter(0, 40, 8)},
     ("leak", "crack"): {"conductance_dm3_per_s_bar": HiddenParameter(0, 1, 0.03)},
+    # In the catalogue it is a candidate for cylinders only: the seal of a damper beside a muscle meets the oil.
+    ("seal_friction", "pressure"): {
+        "force_n": HiddenParameter(0, 200, 8),
+        "growth_per_bar": HiddenParameter(0.01, 5, 0.3, None),
+        "stiffness_n_per_mm": HiddenParameter(1, 1000, 50, None),
+    },
 }
 
 

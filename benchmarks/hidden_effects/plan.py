@@ -28,7 +28,7 @@ BLOCK_SIZES = {
     "instrument": 24,
     "pair": 30,
     "triple": 10,
-    "wrong_form": 20,
+    "wrong_form": 22,
     "outside": 36,
     "twin": 10,
     "repeats": 24,
