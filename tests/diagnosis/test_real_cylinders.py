@@ -288,12 +288,13 @@ def test_seal_friction_of_measured_cylinders_is_identified(file: Path, tmp_path:
     assert "seal_friction" in effects
     assert compute_friction(result, compute_speeds(measured)) == pytest.approx(difference, rel=0.2)
     # The seal's area differs from that of the bore; the difference appears as an instrument effect.
-    assert effects <= {"seal_friction", "sensor_offset", "sensor_lag"}
+    assert effects <= {"seal_friction", "sensor_offset"}
     assert result.verdict in ("identified", "identified-in-part")
     assert result.held_out == "confirmed"
     if result.prediction is not None:
         assert result.prediction.share > 0.7
-    assert result.channel_rms["force"].with_effects < 0.35 * result.channel_rms["force"].nominal
+    # The force of the lip seal depends on the position, too, by 13 N at 7 bar.
+    assert result.channel_rms["force"].with_effects < 0.4 * result.channel_rms["force"].nominal
 
 
 @pytest.mark.parametrize(("seal", "force", "growth"), [("O-ring257", 4.2, 0.13), ("Kidney_lc", 6.2, 0.13)])

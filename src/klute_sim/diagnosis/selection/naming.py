@@ -1,4 +1,4 @@
-"""Obstacles to a name: a parameter at its bound, or an instrument that is further off than instruments are."""
+"""Obstacles to a name: a parameter at its bound, an implausible instrument, a delay below the sampling interval."""
 
 import math
 from collections.abc import Iterator
@@ -15,6 +15,9 @@ BOUND_TOLERANCE = 1e-2
 MAX_INSTRUMENT_FRACTION = 0.1
 """Largest plausible error of an instrument, as a fraction of the range of its channel: gain, offset, and drift over the
 longest trial (assumed; a worse instrument is seen in its own calibration)."""
+MIN_DELAY_SAMPLES = 0.5
+"""Shortest lag or shift of a clock that is named, in sampling intervals (assumed: between logged samples the simulation
+follows a straight line, whose corners may be off by as much)."""
 MAX_INSTRUMENT_LAG_S = 0.1
 """Largest plausible time constant of an instrument [s] (assumed: a filter of 1.6 Hz)."""
 
@@ -37,6 +40,8 @@ def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
             ]
             if not _is_plausible_instrument(data, term.effect, term.channel, values):
                 return f"{term} would be further off than instruments are"
+            if _is_below_resolution(data, term.effect, values):
+                return f"{term} is shorter than half a sampling interval"
     return ""
 
 
@@ -56,6 +61,14 @@ def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter
         for bound in (float(lower[index]), float(upper[index])):
             if math.isfinite(bound) and abs(float(x) - bound) < tolerance:
                 yield hypothesis.terms[parameter.term_index], parameter, bound
+
+
+def _is_below_resolution(data: WeightedData, effect: str, values: list[float]) -> bool:
+    """Return whether the delay of an instrument is too short for the sampling of the trials."""
+    if effect not in (instrument.SENSOR_LAG.name, instrument.CLOCK_SKEW.name):
+        return False
+    intervals = [np.median(np.diff(s.time)) for e in data.experiments for s in e.measured.values() if len(s.time) > 1]
+    return bool(intervals) and abs(values[0]) < MIN_DELAY_SAMPLES * float(np.median(intervals))
 
 
 def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, values: list[float]) -> bool:

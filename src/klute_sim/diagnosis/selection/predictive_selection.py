@@ -109,12 +109,8 @@ class PredictiveSelection:
             self._add_known(base_fit, terms, fits)
         self.report_stage("predicting conditions that are left out")
         models = sorted([base, *map(self.assess, fits.values())], key=rank_model)
-        known = {frozenset(model.terms) for model in models}
         for model in models[:MAX_FINISHED]:
-            simpler = self._simplify_at_bound(model.fit)
-            if simpler is not None and frozenset(simpler.hypothesis.terms) not in known:
-                models.append(self.assess(simpler))
-        models.sort(key=rank_model)
+            models = self._add_simplified(model, models)
         n_finished = 0
         while True:  # a model that is fitted to the end may reach a bound, or fall behind another one
             leading = [model for model in models if not model.obstacle][:MAX_LEADING]
@@ -126,6 +122,7 @@ class PredictiveSelection:
             finished = self.assess(fit_hypothesis(self.data, fit.hypothesis, fit.x, fit.jacobian))
             finished = replace(finished, fit=replace(finished.fit, converged=True))
             models = sorted([finished if model is unfinished[0] else model for model in models], key=rank_model)
+            models = self._add_simplified(finished, models)
         return self._decide(base, models)
 
     def _refit(self, current: Fit, candidates: Sequence[Candidate]) -> list[Fit]:
@@ -147,6 +144,13 @@ class PredictiveSelection:
             if key not in fits:  # the term has no influence
                 return
             current = fits[key]
+
+    def _add_simplified(self, model: PredictiveModel, models: Sequence[PredictiveModel]) -> list[PredictiveModel]:
+        """Return ``models``, best first, with the simpler forms of ``model`` where one of its forms is at a bound."""
+        simpler = self._simplify_at_bound(model.fit)
+        known = {frozenset(other.terms) for other in models}
+        added = [] if simpler is None or frozenset(simpler.hypothesis.terms) in known else [self.assess(simpler)]
+        return sorted([*models, *added], key=rank_model)
 
     def _simplify_at_bound(self, fit: Fit) -> Fit | None:
         """Return ``fit`` with the simplest form of each effect that has a parameter at its bound; None without any."""
