@@ -49,6 +49,10 @@ COMPARISON_ROUNDS = (5,)
 MAX_LEADING, MAX_FINISHED = 4, 8
 """Number of leading models that are fitted to the end before the decision, and largest number of such fits and of
 simplified models."""
+N_EXTENDED_SINGLES = 3
+"""Number of single effects, those that fit best, that are extended by a second term."""
+N_SECOND_TERMS = 2
+"""Number of second terms of each of them."""
 N_EXTENDED_PAIRS = 2
 """Number of pairs that are extended by a third term."""
 MIN_SHARE = 0.6
@@ -99,12 +103,12 @@ class PredictiveSelection:
             if first.term not in singles:
                 singles[first.term] = self._refit(base_fit, [first])[0]
             self._extend(singles[first.term], [second.term], fits)
+        # Where an effect is far from linear, its pairs are predicted only after it has been fitted.
+        for single in sorted(singles.values(), key=lambda fit: fit.chi2)[:N_EXTENDED_SINGLES]:
+            self._extend_best(single, N_SECOND_TERMS, fits)
         pairs = sorted((fit for terms, fit in fits.items() if len(terms) == 2), key=lambda fit: fit.chi2)
         for pair in pairs[:N_EXTENDED_PAIRS]:
-            used = {term.identity for term in pair.hypothesis.terms}
-            unused = [term for term in self.candidate_terms if term.identity not in used]
-            third = _select_best(screen_candidates(self.data, pair, unused), MAX_TRIPLES // N_EXTENDED_PAIRS)
-            self._extend(pair, [candidate.term for candidate in third], fits)
+            self._extend_best(pair, MAX_TRIPLES // N_EXTENDED_PAIRS, fits)
         for terms in known_models:
             self._add_known(base_fit, terms, fits)
         self.report_stage("predicting conditions that are left out")
@@ -134,6 +138,13 @@ class PredictiveSelection:
         new = [term for term in terms if known | {term} not in fits]
         for candidate in screen_candidates(self.data, current, new) if new else ():
             fits[known | {candidate.term}] = self._refit(current, [candidate])[0]
+
+    def _extend_best(self, current: Fit, count: int, fits: dict[frozenset[EffectTerm], Fit]) -> None:
+        """Add to ``fits`` the refits of ``current`` with each of the ``count`` terms that promise most beside it."""
+        used = {term.identity for term in current.hypothesis.terms}
+        unused = [term for term in self.candidate_terms if term.identity not in used]
+        best = _select_best(screen_candidates(self.data, current, unused), count)
+        self._extend(current, [candidate.term for candidate in best], fits)
 
     def _add_known(self, base_fit: Fit, terms: Sequence[EffectTerm], fits: dict[frozenset[EffectTerm], Fit]) -> None:
         current = base_fit
