@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,23 @@ def test_run_folder_holds_all_files(tmp_path: Path) -> None:
     recording = parquet.load_recording(folder / f"{rows[0]['trial']}.parquet")
     assert recording["angle_joint"][-1] != recording["angle_joint"][0]
     assert 'mass="1.5"' in (folder / "model.xml").read_text()
+
+
+def test_measured_frequency_response_is_compared_as_documented(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "mechanisms.md").read_text("utf-8")
+    (text,) = re.findall(r"^```text\n(frequency \[Hz\].*?)^```", page, re.MULTILINE | re.DOTALL)
+    (line,) = re.findall(r"^klute-sim (bench joint sines --response.*)$", page, re.MULTILINE)
+    (tmp_path / "bode.csv").write_text(text)
+    done = command.run(*line.split(), cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "times the simulated one" in done.stdout
+    assert "ms of dead time" in done.stdout or "less dead time" in done.stdout
+    summary = json.loads((tmp_path / "bode" / "summary.json").read_text())
+    assert summary["response"]["points"] == len(summary["trials"]) == 3
+    assert "response.csv" in summary["files"]
+    refused = command.run("bench", "joint", "--response", "bode.csv", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "is compared with the test 'sines', not with 'steps'" in refused.stderr
 
 
 @pytest.mark.parametrize(("word", "joint"), [("mass", "guide"), ("knee", "knee")])

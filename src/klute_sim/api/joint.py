@@ -14,11 +14,17 @@ from klute_sim.errors import InputError, suggest
 from klute_sim.mechanism.export import format_mjcf
 from klute_sim.mechanism.mounting import mount_devices
 from klute_sim.mechanism.protocols import ProtocolSettings
-from klute_sim.mechanism.run import JointTestResult, run_joint_test
+from klute_sim.mechanism.run import JointTestResult, find_joint, run_joint_test
 from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.mjcf.model_file import load_model_file
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
 from klute_sim.recording import parquet
+from klute_sim.recording.frequency_response import (
+    FrequencyResponse,
+    ResponseComparison,
+    compare_responses,
+    read_frequency_response,
+)
 from klute_sim.recording.recording import Recording
 from klute_sim.recording.run_folder import create_run_folder
 from klute_sim.types import ProgressCallback
@@ -42,6 +48,15 @@ class JointRun:
 
     result: JointTestResult
     """Trials with their conditions, metrics and recordings."""
+    measured: FrequencyResponse | None = None
+    """Measured frequency response that the sines are compared with."""
+
+    @cached_property
+    def comparison(self) -> ResponseComparison | None:
+        """The measured beside the simulated frequency response; None without one."""
+        if self.measured is None:
+            return None
+        return compare_responses(self.measured, *self.result.compute_frequency_response())
 
     @property
     def table(self) -> list[dict[str, Any]]:
@@ -56,9 +71,12 @@ class JointRun:
     @cached_property
     def summary(self) -> dict[str, Any]:
         """Content of summary.json without the names of the files."""
+        from klute_sim.report.joint.response import summarize_response
         from klute_sim.report.joint.table import summarize_joint_test
 
-        return summarize_joint_test(self.result)
+        comparison = self.comparison
+        response = {} if comparison is None else {"response": summarize_response(comparison)}
+        return {**summarize_joint_test(self.result), **response}
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return :attr:`table` as a pandas DataFrame with the trials as index.
@@ -70,10 +88,15 @@ class JointRun:
         return frame
 
     def format_summary(self) -> Summary:
-        """Yield the table of the metrics."""
+        """Yield the table of the metrics, or of the measured and simulated response and what it says."""
+        from klute_sim.report.joint.response import build_response_table, describe_response
         from klute_sim.report.joint.table import build_table
 
-        yield build_table(self.result)
+        if self.comparison is None:
+            yield build_table(self.result)
+            return
+        yield build_response_table(self.comparison)
+        yield from describe_response(self.comparison, self.result.unit)
 
     def __repr__(self) -> str:
         """Return one line: test, model and number of trials."""
@@ -87,10 +110,11 @@ class JointRun:
         return render_html(self.format_summary())
 
     def plot(self) -> "Figure":
-        """Return the figure of the run."""
+        """Return the figure of the run: all trials, or the measured and simulated frequency response."""
         from klute_sim.report.joint.figure import build_figure
+        from klute_sim.report.joint.response import build_response_figure
 
-        return build_figure(self.result)
+        return build_figure(self.result) if self.comparison is None else build_response_figure(self.comparison)
 
     def save(self, folder: str | Path | None = None) -> Path:
         """Write the files of ``klute-sim bench joint`` into ``folder`` (default: the next ``runs/joint-NNN``).
@@ -103,6 +127,7 @@ class JointRun:
 
     def write_files(self, scratch: Path, folder: Path) -> dict[str, Any]:
         """Write all files into ``scratch``, which becomes ``folder``; return the content of summary.json."""
+        from klute_sim.report.joint.response import format_response_csv
         from klute_sim.report.joint.table import format_results_csv
         from klute_sim.report.style import COMPACT_DPI
 
@@ -116,6 +141,8 @@ class JointRun:
         for trial in self.result.trials:
             parquet.write_recording(trial.recording, scratch / f"{trial.name}.parquet")
         self.plot().savefig(scratch / "figure.png", dpi=COMPACT_DPI)
+        if self.comparison is not None:
+            (scratch / "response.csv").write_text(format_response_csv(self.comparison, self.result.unit), "utf-8")
         files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
         summary = {**self.summary, "run": str(folder), "files": files}
         (scratch / "summary.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", "utf-8")
@@ -131,6 +158,7 @@ def simulate_joint(
     difference_bar: float = 1.0,
     load: float | None = None,
     numbers: Mapping[str, float] | None = None,
+    response: FrequencyResponse | str | Path | None = None,
     time_step: float = 5e-4,
     progress: ProgressCallback | None = None,
 ) -> JointRun:
@@ -144,12 +172,17 @@ def simulate_joint(
         difference_bar: Amplitude of the pressure difference [bar].
         load: External moment [N m] or force [N] of the tests with a load (default: -2 N m, or -50 N).
         numbers: Changed numbers of the model, such as ``{"model.geom.load.mass": 2}``; they follow the mounting.
+        response: Measured frequency response of position over pressure difference, or the path of its CSV file (columns
+            ``frequency [Hz]``, ``gain [1]`` and ``phase [deg]``); the sines get its frequencies.
         time_step: Time step [s].
         progress: Receives the completed fraction and the current stage.
 
     Raises InputError when an input is not usable, and SimulationError when the model diverges.
     """
     file = load_model_file(model)
+    if response is not None and test != "sines":
+        raise InputError(f"a measured frequency response is compared with the test 'sines', not with '{test}'")
+    measured = read_frequency_response(response) if isinstance(response, str | Path) else response
     spec = file.make_spec()
     tendons = [tendon.name for tendon in spec.tendons if tendon.name]
     devices = {name: to_device(entry) for name, entry in assign_devices(device, tendons).items()}
@@ -162,10 +195,18 @@ def simulate_joint(
     if load is None:
         load = DEFAULT_LOADS.get(file.name, DEFAULT_MOMENT)
     settings = ProtocolSettings(mean_pressure_bar * BAR, difference_bar * BAR, load)
+    if measured is not None:
+        joint, unit = find_joint(file)
+        if measured.gain_unit not in ("1", f"{unit}/bar"):
+            raise InputError(
+                f"the measured gain is in {measured.gain_unit}, but the joint '{joint}' moves in {unit}; allowed: "
+                f"gain [1] or gain [{unit}/bar]"
+            )
+        settings = settings._replace(frequencies_hz=tuple(map(float, measured.frequency)))
     result = run_joint_test(
         file, devices, all_numbers, test, settings, dt=time_step, progress=progress or ignore_progress
     )
-    return JointRun(result)
+    return JointRun(result, measured)
 
 
 def export_mjcf(
@@ -175,13 +216,13 @@ def export_mjcf(
     model: str | Path = "hanging_mass",
     numbers: Mapping[str, float] | None = None,
 ) -> Path:
-    """Write ``model`` as an MJCF file with a device on every tendon; return the folder.
+    """Write ``model`` as an MJCF file with devices on its tendons; return the folder.
 
     MuJoCo alone loads ``model.xml``, and the devices give no force there. Inside
     :func:`klute_sim.plant.callbacks.device_callbacks` they do. The folder also holds the device file of each tendon.
 
     Args:
-        device: Device, preset or path for all tendons, or a mapping from tendons to devices.
+        device: Device, preset or path for all tendons, or a mapping from those tendons that carry one to their devices.
         folder: New or empty folder. None: the next ``runs/export-NNN``.
         model: Model of the package, whose frame is moved to fit the devices, or the path of an MJCF file.
         numbers: Changed numbers of the model.
@@ -192,7 +233,8 @@ def export_mjcf(
     tendons = [tendon.name for tendon in file.make_spec().tendons if tendon.name]
     if not tendons:
         raise InputError(f"{file.path} has no tendon with a name, so nothing can carry a device")
-    devices = {name: to_device(entry) for name, entry in assign_devices(device, tendons).items()}
+    assigned = assign_devices(device, tendons, may_omit=True)
+    devices = {name: to_device(entry) for name, entry in assigned.items()}
     text = format_mjcf(file, devices, {**mount_devices(file, devices), **(numbers or {})})
     with create_run_folder("export", folder) as (final_folder, scratch):
         (scratch / "model.xml").write_text(text, "utf-8")
@@ -201,8 +243,14 @@ def export_mjcf(
     return final_folder
 
 
-def assign_devices(device: DeviceLike | Mapping[str, DeviceLike], tendons: list[str]) -> dict[str, DeviceLike]:
-    """Return tendon -> device; raise InputError for a tendon that the model lacks or that gets no device."""
+def assign_devices(
+    device: DeviceLike | Mapping[str, DeviceLike], tendons: list[str], *, may_omit: bool = False
+) -> dict[str, DeviceLike]:
+    """Return tendon -> device.
+
+    Raises InputError for a tendon that the model lacks and, unless a mapping ``may_omit`` tendons, for one that gets no
+    device.
+    """
     if not isinstance(device, Mapping):
         return dict.fromkeys(tendons, device)
     for name in device:
@@ -210,6 +258,6 @@ def assign_devices(device: DeviceLike | Mapping[str, DeviceLike], tendons: list[
             listing = f"allowed: {', '.join(tendons)}"
             raise InputError(f"there is no tendon '{name}'; {suggest(name, tendons, listing)}")
     missing = [name for name in tendons if name not in device]
-    if missing:
+    if missing and not (may_omit and len(missing) < len(tendons)):
         raise InputError(f"tendon '{missing[0]}' has no device; name one for each of: {', '.join(tendons)}")
-    return {name: device[name] for name in tendons}
+    return {name: device[name] for name in tendons if name in device}

@@ -58,6 +58,14 @@ MODELS = {"joint": "antagonist_joint", "mass": "hanging_mass", "knee": "knee_jig
     metavar="NUMBER=VALUE",
     help="Change a number of the model, in its unit in MJCF; may be repeated.",
 )
+@click.option(
+    "--response",
+    type=common.NonEmptyPath(),
+    default=None,
+    metavar="FILE",
+    help="With sines: measured frequency response (CSV with frequency [Hz], gain [1] and phase [deg]) to compare with; "
+    "the sines get its frequencies.",
+)
 @common.TIME_STEP_OPTION
 @common.out_option("joint", "the run")
 @common.json_option()
@@ -74,6 +82,7 @@ def command(
     difference_bar: float,
     load: float | None,
     changes: tuple[str, ...],
+    response: Path | None,
     step_ms: float,
     out: Path | None,
     as_json: bool,
@@ -91,6 +100,7 @@ def command(
     Examples:
       klute-sim bench joint
       klute-sim bench joint sines klute-3-4-pair --mean 2 --difference 0.5
+      klute-sim bench joint sines --response bode.csv --mean 2 --difference 0.3
       klute-sim bench joint steps --device flexor=klute-3-4-pair --device extensor=mine.toml
       klute-sim bench mass quick-release klute-1-1-4-pair --load -100
       klute-sim bench knee multisine --set model.geom.foot.mass=1.2 --out knee
@@ -129,6 +139,7 @@ def command(
                 difference_bar=difference_bar,
                 load=load,
                 numbers=numbers,
+                response=response,
                 time_step=1e-3 * step_ms,
                 progress=progress,
             )

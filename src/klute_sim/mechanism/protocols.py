@@ -4,6 +4,7 @@ All commands are a mean pressure and a *difference*: the first device gets their
 difference. With one device the difference is added to the mean pressure.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -21,7 +22,9 @@ HOLD_TIME = 2.0
 FREQUENCIES_HZ = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Frequencies of the sines [Hz] (assumed)."""
 SETTLING_CYCLES, FITTED_CYCLES = 2, 3
-"""Periods of a sine before the fitted ones, and fitted periods."""
+"""Smallest number of periods of a sine before the fitted ones, and fitted periods."""
+MIN_SETTLING_TIME = 0.8
+"""Shortest time [s] before the fitted periods, which fast sines fill with more periods (assumed)."""
 MULTISINE_PERIOD = 10.0
 """Period of the multisine [s]; its frequencies are odd multiples of 0.1 Hz."""
 MULTISINE_HARMONICS = (1, 3, 5, 9, 15, 25, 41)
@@ -41,6 +44,8 @@ class ProtocolSettings(NamedTuple):
     """Amplitude of the difference [Pa]."""
     load: float
     """External moment [N m] or force [N] of the tests with a load."""
+    frequencies_hz: tuple[float, ...] = FREQUENCIES_HZ
+    """Frequencies of the sines [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,7 @@ def _plan_steps(settings: ProtocolSettings) -> list[JointTrial]:
 
 def _plan_sines(settings: ProtocolSettings) -> list[JointTrial]:
     def make_sine(frequency: float) -> JointTrial:
-        begin = REST_TIME + SETTLING_CYCLES / frequency
+        begin = REST_TIME + max(SETTLING_CYCLES, math.ceil(MIN_SETTLING_TIME * frequency)) / frequency
         end = begin + FITTED_CYCLES / frequency
         angular = 2.0 * np.pi * frequency
         return JointTrial(
@@ -105,7 +110,7 @@ def _plan_sines(settings: ProtocolSettings) -> list[JointTrial]:
             events={"begin": begin, "end": end, "frequency_hz": frequency},
         )
 
-    return [make_sine(frequency) for frequency in FREQUENCIES_HZ]
+    return [make_sine(frequency) for frequency in settings.frequencies_hz]
 
 
 def _plan_multisine(settings: ProtocolSettings) -> list[JointTrial]:

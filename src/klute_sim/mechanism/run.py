@@ -18,6 +18,7 @@ from klute_sim.mechanism.protocols import JointTrial, ProtocolSettings, plan_tes
 from klute_sim.mechanism.record import record_mechanism
 from klute_sim.mechanism.simulate import simulate_mechanism
 from klute_sim.plant.mjcf.model_file import ModelFile
+from klute_sim.recording.frequency_response import Response
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array, ProgressCallback
 from klute_sim.units import BAR
@@ -66,6 +67,14 @@ class JointTestResult:
     def position_channel(self) -> str:
         """Channel of the joint's position."""
         return f"{'angle' if self.unit == 'deg' else 'position'}_{normalize_name(self.joint)}"
+
+    def compute_frequency_response(self) -> tuple[Response, Array]:
+        """Return position over pressure difference [unit per bar] at each frequency of the sines, and coherence."""
+        gain, phase, coherence = (
+            np.array([trial.metrics[key] for trial in self.trials])
+            for key in (f"gain_{self.unit}_per_bar", "phase_deg", "coherence")
+        )
+        return gain * np.exp(1j * np.radians(phase)), coherence
 
 
 def run_joint_test(
