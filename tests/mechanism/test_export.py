@@ -1,5 +1,6 @@
 """MJCF files with devices inside: without force in MuJoCo alone, with the force of the device in this package."""
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -38,6 +39,31 @@ def test_exported_device_has_all_its_digits(tmp_path: Path) -> None:
     assert DeviceActuator(model, "extensor").parameters.muscle == PAIR.parameters.muscle
     assert PAIR.digest in (folder / "model.xml").read_text()
     assert ks.load_device(folder / "flexor.toml").digest == device.digest
+
+
+def test_device_on_one_tendon_leaves_the_muscles_of_a_body_alone(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "mechanisms.md").read_text("utf-8")
+    (text,) = re.findall(r'write_text\("""(<mujoco model="arm">.*?)"""\)', page, re.DOTALL)
+    (tmp_path / "arm.xml").write_text(text)
+    folder = ks.export_mjcf({"assist": PAIR}, tmp_path / "out", model=tmp_path / "arm.xml")
+    own = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    model = mujoco.MjModel.from_xml_path(str(folder / "model.xml"))
+    for name in ("biceps", "triceps"):
+        assert model.actuator(name).gainprm == pytest.approx(own.actuator(name).gainprm)
+        assert model.actuator(name).dyntype == own.actuator(name).dyntype
+    angles, tensions = [], []
+    for pressure in (0.0, 2e5):
+        data = mujoco.MjData(model)
+        data.actuator("biceps").ctrl = 0.03
+        with device_callbacks():
+            DeviceActuator(model, "assist").set_command(data, pressure)
+            step_model(model, data, 600)
+        angles.append(float(data.joint("elbow").qpos[0]))
+        tensions.append(DeviceActuator(model, "assist").get_tension(data))
+    assert angles[1] > angles[0] + 0.1  # the device flexes the elbow further
+    assert tensions[1] > tensions[0] + 5.0
+    with pytest.raises(InputError, match="there is no tendon 'asist'; did you mean 'assist'"):
+        ks.export_mjcf({"asist": PAIR}, tmp_path / "other", model=tmp_path / "arm.xml")
 
 
 def test_exported_model_moves_like_the_mechanism(tmp_path: Path) -> None:
