@@ -14,6 +14,7 @@ from klute_sim.device.device import Device, load_device
 from klute_sim.device.energy.ledger import POWER_TERMS
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.errors import InputError, SimulationError
+from klute_sim.mechanism import assembly
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.mechanism.record import compute_device_energy, record_mechanism
 from klute_sim.mechanism.simulate import MechanismRollout, simulate_mechanism
@@ -154,6 +155,21 @@ def test_work_of_both_devices_becomes_energy_of_the_lever() -> None:
     work = np.trapezoid(moment[:401], angle[:401])
     assert angle[400] > angle[0] + 0.2
     assert energies[1] - energies[0] == pytest.approx(work, rel=5e-3)
+
+
+def test_equal_mechanisms_share_compiled_models_and_nobody_changes_the_model_of_another() -> None:
+    prescribed = tuple(f"pressure_command_{tendon}" for tendon in ("flexor", "extensor"))
+    first, second = (Mechanism(load_model_file("antagonist_joint"), ("flexor", "extensor"), prescribed) for _ in "ab")
+    devices = dict.fromkeys(("flexor", "extensor"), load_device("klute-3-4-pair").parameters)
+    assembly._compile.cache_clear()
+    models = [mechanism.compile(devices, {}, 1e-3) for mechanism in (first, second)]
+    assert (assembly._compile.cache_info().hits, assembly._compile.cache_info().misses) == (1, 1)
+    models[0].opt.timestep, models[0].actuator_user[:] = 2e-3, 0.0
+    assert models[1].opt.timestep == second.compile(devices, {}, 1e-3).opt.timestep == 1e-3
+    assert models[1].actuator_user.any()
+    first.compile(devices, {"model.geom.load.mass": 2.0}, 1e-3)
+    first.compile(devices, {}, 5e-4)
+    assert assembly._compile.cache_info().misses == 3
 
 
 def test_mechanism_begins_at_rest_in_equilibrium() -> None:

@@ -1,8 +1,9 @@
 """A mechanism: an MJCF model with devices on its tendons, and the objects that its channels belong to."""
 
+import copy
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import mujoco
@@ -29,6 +30,8 @@ SENSOR_TYPES = {
 """Quantity -> types of sensors that measure it."""
 SENSOR_AXES = ("_x", "_y", "_z")
 """Endings of a channel that belongs to one component of a sensor."""
+MAX_CACHED_MODELS = 16
+"""Compiled models kept in memory: those of the experiments and points that run at once."""
 
 
 class Binding(NamedTuple):
@@ -42,9 +45,11 @@ class Binding(NamedTuple):
     """Component of a sensor with several."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Mechanism:
     """An MJCF model whose tendons carry devices, with the channels that are prescribed.
+
+    Mechanisms with the same file, devices and channels are equal and share compiled models.
 
     Raises InputError on construction when a device has no tendon, or a prescribed channel has no object, two channels
     prescribe the same motion or pressure, or a device has neither a commanded nor a prescribed pressure.
@@ -56,7 +61,7 @@ class Mechanism:
     """Names of the devices, which are those of their tendons."""
     prescribed: tuple[str, ...]
     """Prescribed channels."""
-    bindings: Mapping[str, Binding] = field(init=False, repr=False)
+    bindings: Mapping[str, Binding] = field(init=False, repr=False, compare=False)
     """Prescribed channel -> object."""
 
     def __post_init__(self) -> None:
@@ -139,25 +144,11 @@ class Mechanism:
     ) -> mujoco.MjModel:
         """Return the model with ``devices`` (name -> parameters), changed ``numbers`` and the time step ``dt`` [s].
 
-        ``effects`` are those of the mechanism. Raises InputError when a number or a part is unknown, or the model
-        cannot be compiled with them.
+        ``effects`` are those of the mechanism. The model is the caller's own; trials that differ in their inputs only
+        are compiled once. Raises InputError when a number or a part is unknown, or the model cannot be compiled with
+        them.
         """
-        spec = self.spec.copy()
-        set_model_numbers(spec, numbers)
-        apply_model_effects(spec, effects)
-        spec.option.timestep = dt
-        actuators = {prepare_actuator(spec, name): parameters for name, parameters in devices.items()}
-        for name, parameters in devices.items():
-            _stop_at_resting_length(spec.tendon(name), parameters)
-        for binding in self.bindings.values():
-            if binding.channel.quantity in ("angle", "position"):
-                drives.add_drive(spec, spec.joint(binding.name))
-            elif binding.channel.quantity.startswith("external"):
-                drives.add_load(spec, spec.joint(binding.name))
-        try:
-            return models.attach_devices(spec, actuators)
-        except ValueError as error:
-            raise InputError(f"the model {self.file.path} cannot be compiled: {error}") from None
+        return copy.copy(_compile(self, tuple(devices.items()), tuple(numbers.items()), dt, tuple(effects)))
 
     def find_actuator(self, model: mujoco.MjModel, device: str) -> str:
         """Return the name of the actuator of ``device`` in a compiled ``model``."""
@@ -167,6 +158,33 @@ class Mechanism:
             if is_tendon and model.actuator_trnid[index, 0] == tendon:
                 return str(model.actuator(index).name)
         raise InputError(f"the model has no actuator on tendon '{device}'")
+
+
+@lru_cache(MAX_CACHED_MODELS)
+def _compile(
+    mechanism: Mechanism,
+    devices: tuple[tuple[str, DeviceParameters], ...],
+    numbers: tuple[tuple[str, float], ...],
+    dt: float,
+    effects: tuple[ModelEffect, ...],
+) -> mujoco.MjModel:
+    """Return the model that :meth:`Mechanism.compile` copies."""
+    spec = mechanism.spec.copy()
+    set_model_numbers(spec, dict(numbers))
+    apply_model_effects(spec, effects)
+    spec.option.timestep = dt
+    actuators = {prepare_actuator(spec, name): parameters for name, parameters in devices}
+    for name, parameters in devices:
+        _stop_at_resting_length(spec.tendon(name), parameters)
+    for binding in mechanism.bindings.values():
+        if binding.channel.quantity in ("angle", "position"):
+            drives.add_drive(spec, spec.joint(binding.name))
+        elif binding.channel.quantity.startswith("external"):
+            drives.add_load(spec, spec.joint(binding.name))
+    try:
+        return models.attach_devices(spec, actuators)
+    except ValueError as error:
+        raise InputError(f"the model {mechanism.file.path} cannot be compiled: {error}") from None
 
 
 def prepare_actuator(spec: mujoco.MjSpec, device: str) -> str:
