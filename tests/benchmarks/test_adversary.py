@@ -25,7 +25,7 @@ import klute_sim as ks
 from klute_sim.effects import catalogue
 
 FOLDER = Path(dataset.__file__).parent
-NUMBERS = read_device_numbers(dataset.PRESET_FILE)
+NUMBERS = read_device_numbers(dataset.build_device_text(valve=False))
 RIG = build_rig(NUMBERS)
 SINGLE = RIG._replace(count=1.0)
 HARD = SINGLE._replace(friction_slope=0.0, friction_offset=0.0)
@@ -237,7 +237,7 @@ def test_device_behind_the_valve_is_a_device_of_the_program(tmp_path: Path) -> N
     file = tmp_path / "device.toml"
     file.write_text(dataset.build_device_text(valve=True), "utf-8")
     assert ks.load_device(file).name == "pair-behind-valve"
-    rig = build_rig(read_device_numbers(file))
+    rig = build_rig(read_device_numbers(dataset.build_device_text(valve=True)))
     assert rig.has_valve
     assert rig.supply_pressure == 7e5
     assert rig._replace(has_valve=False, supply_pressure=5e5, fill_conductance=2e-8, exhaust_conductance=2e-8) == (

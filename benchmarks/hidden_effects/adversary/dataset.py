@@ -3,12 +3,12 @@
 import json
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmarks.hidden_effects.adversary.protocol import draw_programs
+from benchmarks.hidden_effects.adversary.protocol import InputProgram, draw_programs
 from benchmarks.hidden_effects.adversary.rig import read_device_numbers
 from benchmarks.hidden_effects.adversary.sensors import SENSORS, draw_wander, list_signals, noise_level, record_trial
 from benchmarks.hidden_effects.adversary.setup import (
@@ -67,32 +67,14 @@ def make_dataset(
     """
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
     device_text = build_device_text(valve)
-    with tempfile.TemporaryDirectory() as scratch:
-        (Path(scratch) / "device.toml").write_text(device_text, "utf-8")
-        nominal = read_device_numbers(Path(scratch) / "device.toml")
+    nominal = read_device_numbers(device_text)
     set_up = make_set_up(draw_declared(streams[0], nominal), departures, number_errors, hidden)
     registration = float(streams[0].normal(0.0, REGISTRATION_M))
     programs = draw_programs(streams[1])
     channels = ["force", "pressure"]
     if streams[2].random() < MUSCLE_LENGTH_SHARE:
         channels.append("muscle_length")
-
-    true_rig = set_up.build()
-    tables: dict[str, dict[str, np.ndarray]] = {}
-    for program in programs:
-        for repeat in REPEATS:
-            command = program.command + draw_wander(streams[3], len(program.command))
-            signals = list_signals(simulate(program.length, np.maximum(command, 0.0), true_rig))
-            recorded = {channel: signals[channel] for channel in channels}
-            table = record_trial(streams[3], program, recorded, set_up.faults, registration)
-            tables[f"{program.group}_{repeat}"] = table
-
-    sizes = Sizes(set_up, nominal, programs, channels)
-    contributions = measure_departures(set_up, sizes, departures, number_errors)
-    plain = set_up if hidden is None else remove_hidden(set_up, hidden)
-    raw = sizes.measure(plain)
-    textbook = SetUp({**nominal, **{key: set_up.numbers[key] for key in DECLARED}}, {}, {})
-    most_affected = max(raw, key=lambda channel: raw[channel])
+    tables = record_trials(streams[3], set_up, programs, channels, registration)
     ground_truth: dict[str, Any] = {
         "seed": seed,
         "block": block,
@@ -107,16 +89,10 @@ def make_dataset(
         "valve": valve,
         "departures": departures,
         "number_errors": number_errors,
-        "contributions": contributions,
-        "present": list_present(contributions, valve),
         "registration_mm": 1e3 * registration,
         "base": {key: set_up.numbers[key] for key in DECLARED},
         "nominal": {key: nominal[key] for key in DECLARED},
-        "size": sizes.measure_refitted(plain) if hidden is not None else 0.0,
-        "raw_size": raw[most_affected],
-        "most_affected": most_affected if hidden is not None else None,
-        "raw_size_by_channel": raw,
-        "law_size": Sizes(plain, nominal, programs, channels).measure_refitted(textbook),
+        **_measure_contents(set_up, nominal, programs, channels, departures, number_errors, hidden, valve=valve),
         "noise": {channel: noise_level(channel) for channel in channels},
         "groups": {program.group: program.use for program in programs},
     }
@@ -125,6 +101,53 @@ def make_dataset(
     uses = {f"{program.group}_{repeat}": program.use for program in programs for repeat in REPEATS}
     _write(folder, truth or Path(f"{folder}.truth.json"), tables, uses, device_text if valve else None, ground_truth)
     return ground_truth
+
+
+def record_trials(
+    rng: np.random.Generator,
+    set_up: SetUp,
+    programs: Sequence[InputProgram],
+    channels: Sequence[str],
+    registration: float,
+) -> dict[str, dict[str, np.ndarray]]:
+    """Return the columns of all trials by name; the regulator wanders in each repeat on its own."""
+    rig, tables = set_up.build(), {}
+    for program in programs:
+        for repeat in REPEATS:
+            command = program.command + draw_wander(rng, len(program.command))
+            signals = list_signals(simulate(program.length, np.maximum(command, 0.0), rig))
+            recorded = {channel: signals[channel] for channel in channels}
+            tables[f"{program.group}_{repeat}"] = record_trial(rng, program, recorded, set_up.faults, registration)
+    return tables
+
+
+def _measure_contents(
+    set_up: SetUp,
+    nominal: Mapping[str, float],
+    programs: Sequence[InputProgram],
+    channels: Sequence[str],
+    departures: Mapping[str, Mapping[str, float]],
+    number_errors: Mapping[str, float],
+    hidden: Mapping[str, Any] | None,
+    *,
+    valve: bool,
+) -> dict[str, Any]:
+    """Return the sizes of the hidden effect and of all departures, and the names of what is present."""
+    sizes = Sizes(set_up, nominal, programs, channels)
+    contributions = measure_departures(set_up, sizes, departures, number_errors)
+    plain = set_up if hidden is None else remove_hidden(set_up, hidden)
+    raw = sizes.measure(plain)
+    most_affected = max(raw, key=lambda channel: raw[channel])
+    textbook = SetUp({**nominal, **{key: set_up.numbers[key] for key in DECLARED}}, {}, {})
+    return {
+        "contributions": contributions,
+        "present": list_present(contributions, valve),
+        "size": sizes.measure_refitted(plain) if hidden is not None else 0.0,
+        "raw_size": raw[most_affected],
+        "most_affected": most_affected if hidden is not None else None,
+        "raw_size_by_channel": raw,
+        "law_size": Sizes(plain, nominal, programs, channels).measure_refitted(textbook),
+    }
 
 
 def build_device_text(valve: bool) -> str:

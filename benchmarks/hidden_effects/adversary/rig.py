@@ -2,7 +2,6 @@
 
 import tomllib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
 BAR = 1e5
@@ -119,9 +118,9 @@ FILE_KEYS: Mapping[str, tuple[str, float]] = {
 """Key of a device file -> field of the rig, and its unit in SI."""
 
 
-def read_device_numbers(file: Path) -> dict[str, float]:
-    """Return the numbers of a device file by ``section.key``, in the units of the file."""
-    content: dict[str, Any] = tomllib.loads(file.read_text("utf-8"))
+def read_device_numbers(text: str) -> dict[str, float]:
+    """Return the numbers of the ``text`` of a device file by ``section.key``, in the units of the file."""
+    content: dict[str, Any] = tomllib.loads(text)
     return {
         f"{section}.{key}": float(value)
         for section, table in content.items()

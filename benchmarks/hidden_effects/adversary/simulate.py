@@ -26,7 +26,7 @@ STEP = 0.25e-3
 """Step of the integration [s]."""
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
 STOP_STIFFNESS = 5e7
-"""Stiffness of the stop at the resting length [N/m]."""
+"""Stiffness of the stop at the resting length [N/m] (assumed: rigid)."""
 CREEP_TIMES = np.logspace(-2.0, 3.0, 11)
 """Relaxation times, two per decade [s]: a flat spectrum, whose relaxation is logarithmic (Fung)."""
 CREEP_BRANCHES_PER_DECADE = 2.0
@@ -185,7 +185,7 @@ def move_unit(
     braid = seal = tendon = velocity = 0.0
     for k in range(n):
         previous = unit[max(k - 1, 0)]
-        rate = -0.0
+        rate = 0.0
         if rig.has_valve or rig.flow_droop > 0.0:
             rate = rig.count * braid_area(length, pressure, rig) * velocity
         step_air(air, command[k], air_volume(length, pressure, rig), rate, step, rig)
