@@ -6,7 +6,9 @@ import pytest
 
 import klute_sim as ks
 from klute_sim.parameter_sweep.store import RESULTS_FOLDER
+from klute_sim.report.sweep.figure import GAIT_METRICS
 from tests.gait.reference_files import write_reference_folder
+from tests.report.figure_checks import check_figure
 
 pytestmark = pytest.mark.usefixtures("in_process_runner")
 
@@ -24,7 +26,7 @@ def test_sweep_returns_rows_and_resumes_in_its_folder(tmp_path: Path) -> None:
     with pytest.raises(ks.InputError, match="there is no column 'masses'; allowed: device"):
         result.plot(over="masses")
     assert {file.name for file in result.save(with_csv=True).iterdir()} == {
-        *("sweep.parquet", "sweep.csv", "sweep.json"),
+        *("sweep.parquet", "sweep.csv", "sweep.json", "figure.png", "index.html"),
         RESULTS_FOLDER,
     }
     assert ks.sweep(ks.load_device("klute-1-1-4-pair"), controllers=["off"], **options).n_resumed == 2
@@ -50,7 +52,7 @@ def test_tuning_result_has_the_tuned_profile_and_writes_the_files_of_the_command
     assert len(result.profile.pressure_bar) == len(result.problem.space.profile.pressure_bar)
     assert set(result.metrics["peak net power [W/kg]"]) == {"before", "tuned", "human"}
     saved = result.save(tmp_path / "copy")
-    assert {"tuned.csv", "tuning.json", "tuning.png"} <= {file.name for file in saved.iterdir()}
+    assert {"tuned.csv", "tuning.json", "figure.png", "index.html"} <= {file.name for file in saved.iterdir()}
     assert "The objective fell by" in str(result)
     assert repr(result).startswith("TuningResult(1 evaluations, cost ")
 
@@ -60,7 +62,10 @@ def test_baseline_table_has_a_row_per_run(tmp_path: Path) -> None:
     assert [row["condition"] for row in result.rows] == ["level", "slower", "faster", "downhill", "uphill"]
     assert repr(result) == f"BaselineTable(1 baselines, 5 runs, folder={str(tmp_path / 'b')!r})"
     assert "5 degrees uphill" in str(result)
-    assert len(result.plot().axes) == 1
+    figure = result.plot()
+    assert [axis.get_title() for axis in figure.axes] == list(GAIT_METRICS.values())
+    check_figure(figure)
+    assert [axis.get_title() for axis in result.plot("speed [m/s]").axes] == ["speed [m/s]"]
     with pytest.raises(ks.InputError, match="there is no metric 'work'; allowed: "):
         result.plot("work")
-    assert (result.save() / "table.json").is_file()
+    assert {"table.json", "figure.png", "index.html"} <= {file.name for file in result.save().iterdir()}

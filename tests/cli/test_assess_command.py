@@ -26,14 +26,20 @@ def assessed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
     arguments = ("anna", "ben <b>", "--only", "spring-foot-6", "--controller", "profile", *QUICK, "--out", "page")
     done = run("assess", *arguments, "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
-    return folder / "page", json.loads(done.stdout), (folder / "page" / "assessment.html").read_text("utf-8")
+    return folder / "page", json.loads(done.stdout), (folder / "page" / "index.html").read_text("utf-8")
 
 
 def test_each_person_has_every_controller_beside_the_own_ankle(
     assessed: tuple[Path, dict[str, Any], str],
 ) -> None:
     folder, content, _ = assessed
-    assert {file.name for file in folder.iterdir()} == set(content["files"]) == {"assessment.html", "assessment.json"}
+    assert (
+        {file.name for file in folder.iterdir()}
+        == set(content["files"])
+        == {
+            *("index.html", "assessment.json", "person-1.png", "person-2.png"),
+        }
+    )
     assert json.loads((folder / "assessment.json").read_text()) == content
     assert [person["reference"] for person in content["persons"]] == ["anna", "ben <b>"]
     for person, mass, ratio in zip(content["persons"], (58.0, 81.0), (1.0, 1.2), strict=True):
@@ -69,7 +75,7 @@ def test_terminal_shows_verdict_and_shortfalls_of_the_closest(tmp_path: Path) ->
     assert ": not served; the closest is spring-foot-3" in done.stdout
     assert "of the person's own ankle" in done.stdout
     assert "own ankle" in done.stdout
-    assert (tmp_path / "runs" / "assess-001" / "assessment.html").is_file()
+    assert (tmp_path / "runs" / "assess-001" / "index.html").is_file()
 
 
 def test_own_ankle_with_enough_clearance_meets_every_criterion() -> None:

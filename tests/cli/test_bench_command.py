@@ -56,6 +56,7 @@ def test_run_folder_holds_all_files(made: tuple[Path, dict[str, object]]) -> Non
         "device.toml",
         "protocol.toml",
         "figure.png",
+        "index.html",
         *(f"{n}.parquet" for n in names),
     }
     assert {file.name for file in home.iterdir()} == wanted == set(shown["files"])  # type: ignore[call-overload]

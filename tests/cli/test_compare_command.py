@@ -22,7 +22,7 @@ from klute_sim.viewer.folders import ensure_recording
 from tests.command_line import run, run_in_subprocess
 
 NUMBERS = {"bands.parquet", "comparison.csv", "comparison.json"}
-REPORT = {"comparison.html", "comparison.png"}
+REPORT = {"index.html", "comparison.png"}
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_labels_are_escaped(gait_runs: Path, tmp_path: Path) -> None:
         assert process.returncode == 0, process.stderr
         assert process.stderr == ""
         assert label in process.stdout
-        page = (out / "comparison.html").read_text()
+        page = (out / "index.html").read_text()
         assert "<script" not in page
         assert "default-src 'none'" in page
     assert "_$x^2$ [b]bold[/b]" in page
@@ -166,7 +166,7 @@ def test_bench_runs_are_compared_by_trial(tmp_path: Path) -> None:
     assert found["fast"]["half_interval"] == pytest.approx([1.51, 1.75], abs=0.02)
     assert summary["remarks"] == ["Trials of 'one' that the other runs lack are excluded: odd."]
     assert {"fast.png", "slow.png"} < set(summary["files"])
-    assert (tmp_path / "c" / "comparison.html").read_text().count("data:image/png") == 2
+    assert (tmp_path / "c" / "index.html").read_text().count("data:image/png") == 2
 
 
 def test_rerun_recording_contains_curves(compared: tuple[Path, dict[str, Any]]) -> None:
@@ -192,7 +192,7 @@ def test_rerun_recording_contains_curves(compared: tuple[Path, dict[str, Any]]) 
     assert len(list(rr.chunk.RrdReader(file).blueprints())) == 1
     with ensure_recording(file.parent) as found:
         assert found == file
-    assert 'href="comparison.rrd"' in (file.parent / "comparison.html").read_text()
+    assert 'href="comparison.rrd"' in (file.parent / "index.html").read_text()
 
 
 def test_missing_rerun_is_reported(gait_runs: Path, tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ def test_folder_holds_printed_summary(walker: tuple[Path, dict[str, object]]) ->
     run_folder = folder / "runs" / "design-001"
     assert summary["run"] == str(run_folder.relative_to(folder))
     assert {f.name for f in run_folder.iterdir()} == {
-        "device.toml", "summary.json", "figure.png", "profile.csv"
+        "device.toml", "summary.json", "figure.png", "index.html", "profile.csv"
     } == set(summary["files"])  # type: ignore[call-overload]  # fmt: skip
     assert json.loads((run_folder / "summary.json").read_text()) == summary
     assert (run_folder / "figure.png").read_bytes().startswith(b"\x89PNG")

@@ -15,6 +15,7 @@ import klute_sim as ks
 from klute_sim.device.device import load_device
 from klute_sim.recording import parquet
 from tests.command_line import run, run_in_subprocess
+from tests.report.figure_checks import check_figure
 
 REQUIRED_KEYS = {
     "device", "mass_kg", "strides", "ankle_range_deg", "ankle_moment_peak_nm_per_kg", "ankle_power_peak_w_per_kg",
@@ -37,7 +38,7 @@ def test_json_has_the_required_keys_and_the_run_folder_all_files(default_run: tu
     assert summary["strides"] == 5
     run_folder = folder / str(summary["run"])
     assert run_folder == folder / "runs" / "gait-001"
-    expected = {"recording.parquet", "summary.json", "report.png", "device.toml"}
+    expected = {"recording.parquet", "summary.json", "figure.png", "index.html", "device.toml"}
     if find_spec("rerun"):
         expected.add("recording.rrd")
     assert {file.name for file in run_folder.iterdir()} == expected == set(summary["files"])  # type: ignore[call-overload]
@@ -47,7 +48,7 @@ def test_json_has_the_required_keys_and_the_run_folder_all_files(default_run: tu
     alignment = {"mounting.alignment_deg": pytest.approx(summary["alignment_deg"], abs=1e-3)}
     assert saved.spec.collect_values() == preset.spec.collect_values() | alignment
     assert saved.parameters == preset.parameters
-    assert (run_folder / "report.png").read_bytes().startswith(b"\x89PNG")
+    assert (run_folder / "figure.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_recording_reproduces_the_metrics_of_the_summary(default_run: tuple[Path, dict[str, object]]) -> None:
@@ -183,7 +184,7 @@ def test_missing_rerun_is_named_and_all_other_files_are_written(tmp_path: Path) 
     assert done.returncode == 0, done.stderr
     assert "pip install '.[rerun]'" in done.stderr
     names = {file.name for file in (tmp_path / "r").iterdir()}
-    assert names == {"recording.parquet", "summary.json", "report.png", "device.toml"}
+    assert names == {"recording.parquet", "summary.json", "figure.png", "index.html", "device.toml"}
     done = run_in_subprocess("view", "r", cwd=tmp_path, PYTHONPATH=paths)
     assert done.returncode == 2
     assert "pip install '.[rerun]'" in done.stderr
@@ -259,7 +260,9 @@ def test_api_writes_the_same_files_and_metrics_as_the_command(
     assert repr(gait_run) == "GaitRun('klute-1-1-4-pair', 5 strides, 1.19 m/s)"
     assert "peak net moment" in str(gait_run)
     assert "<pre>" in gait_run._repr_html_()
-    assert len(gait_run.plot().axes) == 8
+    figure = gait_run.plot()
+    assert len(figure.axes) == 8
+    check_figure(figure)
 
 
 def test_api_accepts_objects_names_and_paths(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ def test_reproduction_writes_page_with_figures(tmp_path: Path) -> None:
     assert {item["verdict"] for item in items} == VERDICTS
     assert next(item for item in items if item["item"] == "table-4.1.bore")["verdict"] == "agrees"
     assert json.loads((tmp_path / "result" / "items.json").read_text("utf-8")) == content
-    page = (tmp_path / "result" / "report.html").read_text("utf-8")
+    page = (tmp_path / "result" / "index.html").read_text("utf-8")
     assert all(f'id="{item["item"]}"' in page for item in items)
     assert page.index(content["headline"]) < page.index("Independent numbers") < page.index("Tables and figures")
     assert content["other_kinds"] in page
@@ -52,7 +52,7 @@ def test_output_begins_with_independent_numbers(tmp_path: Path) -> None:
     assert completed.stdout.splitlines()[0] == content["headline"]
     assert completed.stdout.index("Independent numbers") < completed.stdout.index("Other items that do not agree")
     assert "734" in completed.stdout
-    assert (tmp_path / "runs" / "reproduce-001" / "report.html").is_file()
+    assert (tmp_path / "runs" / "reproduce-001" / "index.html").is_file()
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,9 @@ def test_few_evaluations_reduce_the_objective_and_the_search_can_be_resumed(tmp_
     output = json.loads(done.stdout)
     assert output["cost"]["tuned"] < output["cost"]["before"]
     assert output["evaluations"] >= 12
-    assert output["files"] == sorted(["device.toml", EVALUATIONS_FILE, "tuned.csv", "tuning.json", "tuning.png"])
+    assert output["files"] == sorted(
+        ["device.toml", EVALUATIONS_FILE, "figure.png", "index.html", "tuned.csv", "tuning.json"]
+    )
     assert {file.name for file in (tmp_path / "t").iterdir()} == {*output["files"], "tune.json", RESULTS_FOLDER}
     variables = output["design_variables"]
     pressures = [variable["tuned"] for name, variable in variables.items() if name.startswith("pressure at")]
@@ -53,7 +55,7 @@ def test_walks_are_tuned_and_options_of_the_other_rig_are_refused(tmp_path: Path
     done = run("tune", *arguments, "--budget", "2", "--jobs", "1", "--out", "t", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     output = json.loads(done.stdout)
-    assert output["files"] == ["tuned.toml", "tuning.json", "tuning.png", "walk_evaluations.csv"]
+    assert output["files"] == ["figure.png", "index.html", "tuned.toml", "tuning.json", "walk_evaluations.csv"]
     assert list(output["design_variables"]) == ["push_off_bar"]
     for arguments, message in (
         (("--rig", "walk", "--goal-human"), "--goal-human belongs to --rig gait; leave it out with --rig walk"),
@@ -72,7 +74,7 @@ def test_gains_of_the_joint_are_tuned(tmp_path: Path) -> None:
     done = run("tune", *arguments, *options, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     output = json.loads(done.stdout)
-    assert output["files"] == ["joint_evaluations.csv", "tuned.toml", "tuning.json", "tuning.png"]
+    assert output["files"] == ["figure.png", "index.html", "joint_evaluations.csv", "tuned.toml", "tuning.json"]
     assert list(output["design_variables"]) == ["proportional"]
     assert "integral = 10" in (tmp_path / "t" / "tuned.toml").read_text()
     for arguments, message in (

@@ -30,7 +30,7 @@ def test_default_walk_is_predicted_adapted_and_upright(machine_run: tuple[Path, 
     assert 1.0 < float(str(summary["speed_m_per_s"])) < 1.5
     assert float(str(summary["device_work_net_j"])) > 5.0
     run_folder = folder / "runs" / "walk-001"
-    expected = {"recording.parquet", "summary.json", "report.png", "walker.toml", "device.toml"}
+    expected = {"recording.parquet", "summary.json", "figure.png", "index.html", "walker.toml", "device.toml"}
     if find_spec("rerun"):
         expected.add("recording.rrd")
     assert {file.name for file in run_folder.iterdir()} == expected == set(summary["files"])  # type: ignore[call-overload]
@@ -172,7 +172,7 @@ def test_adaptation_writes_a_walker_that_walks_and_resumes(tmp_path: Path) -> No
     first = json.loads(done.stdout)
     costs = (tmp_path / "mine" / "costs.csv").read_text()
     assert first["search"]["evaluations"] == len(costs.splitlines()) - 1 == 16
-    assert set(first["files"]) == {"adaptation.json", "costs.csv", "adapted.toml"}
+    assert set(first["files"]) == {"adaptation.json", "costs.csv", "adapted.toml", "figure.png", "index.html"}
     again = json.loads(run(*arguments, "--evaluations", "16", cwd=tmp_path).stdout)
     assert again == first
     assert (tmp_path / "mine" / "costs.csv").read_text() == costs

@@ -187,7 +187,7 @@ def test_without_repeats_only_large_effects_are_added(tmp_path: Path) -> None:
     for result in (plain, diagnosis):
         assert any("Record every input at least twice" in reason for reason in result.reasons)
     DiagnosisResult(diagnosis).write_files(tmp_path, report=True)
-    assert "repeat noise" not in (tmp_path / "report.html").read_text("utf-8").split("<h2")[1]
+    assert "repeat noise" not in (tmp_path / "index.html").read_text("utf-8").split("<h2")[1]
 
 
 def test_inconsistent_repeat_is_excluded(tmp_path: Path) -> None:

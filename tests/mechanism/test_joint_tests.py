@@ -114,7 +114,7 @@ def test_run_can_be_saved(tmp_path: object) -> None:
     run: JointRun = simulate_joint(model="hanging_mass", test="quick-release", time_step=STEP)
     folder = run.save(f"{tmp_path}/run")
     names = {path.name for path in folder.iterdir()}
-    assert {"summary.json", "results.csv", "figure.png", "model.xml", "muscle.toml"} <= names
+    assert {"summary.json", "results.csv", "figure.png", "index.html", "model.xml", "muscle.toml"} <= names
     reloaded = load_model_file(folder / "model.xml").make_spec().compile()
     assert reloaded.ntendon == 1
 

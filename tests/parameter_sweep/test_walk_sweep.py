@@ -99,7 +99,7 @@ def test_sweep_of_walks_resumes_and_writes_its_table(tmp_path: Path) -> None:
     table = pq.read_table(folder / "sweep.parquet")
     assert table.column_names == list(WALK_COLUMN_TYPES)
     assert table.to_pylist() == result.rows
-    assert result.plot().axes[0].get_xlabel() == "push_off_pressure [bar]"
+    assert result.plot().axes[0].get_xlabel() == "push off pressure [bar]"
     with pytest.raises(InputError, match="there is no column 'mass'"):
         result.plot(over="mass")
 

@@ -3,7 +3,6 @@
 import io
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
@@ -18,9 +17,10 @@ from klute_sim.report.comparison import page as comparison_page
 from klute_sim.report.comparison import table as comparison_table
 from klute_sim.report.comparison import text as words
 from klute_sim.report.comparison.headline import format_headline
-from klute_sim.report.style import STYLE
+from klute_sim.report.run_page import list_files
 from klute_sim.viewer.layouts import comparison as recording
 from klute_sim.viewer.picture import picture, rrd_reader
+from tests.report.figure_checks import check_figure
 
 PHASE = np.tile(np.arange(50) * 2.0, 4)
 
@@ -62,8 +62,8 @@ def compare_trials(count: int) -> Comparison:
 def test_figure_shows_the_curves_and_bands_of_the_comparison() -> None:
     comparison = compare_gait_runs(0.0, 2.0, options=ComparisonOptions(include_reference=True))
     (part,) = comparison.parts
-    with matplotlib.rc_context(STYLE):
-        figure = comparison_figures.build_part_figure(part, "phase")
+    figure = comparison_figures.build_part_figure(part, "phase")
+    check_figure(figure)
     top, bottom = figure.axes[:2]
     assert top.get_title() == "x0 [N·m]"
     curves = {line.get_color(): line.get_ydata() for line in top.lines}
@@ -234,18 +234,22 @@ def test_headline_names_the_channel_with_the_largest_relative_difference() -> No
 def test_figures_show_the_most_different_trials_and_channels() -> None:
     names = [part.name for part, _ in comparison_figures.build_figures(compare_trials(8))]
     assert names == [f"t{k}" for k in range(2, 8)]
-    page = comparison_page.build_page_context(compare_trials(8), dict.fromkeys(names, b""))
+    page = comparison_page.build_page_context(compare_trials(8), dict.fromkeys(names, ""))
     assert page["omitted_figures"] == ["The figures show the 6 trials with the largest differences of 8."]
     many = compare_gait_runs(0.0, 1.0, channels=18)
     assert comparison_figures._select_channels(many.parts[0]) == [f"x{k}" for k in range(2, 18)]
-    assert comparison_page.build_page_context(many, {"": b""})["omitted_figures"] == [
+    assert comparison_page.build_page_context(many, {"": ""})["omitted_figures"] == [
         "The figures show the 16 channels with the largest differences of 18."
     ]
     assert comparison_page.build_page_context(many, {})["omitted_figures"] == []
 
 
-def test_page_links_to_its_recording() -> None:
-    assert 'href="comparison.rrd"' in comparison_page.render_page(compare_gait_runs(0.0, 1.0), {}, "comparison.rrd")
+def test_page_links_to_the_files_of_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "comparison.rrd").touch()
+    (tmp_path / ".lock").touch()
+    files = list_files(tmp_path)
+    assert files == [{"name": "comparison.rrd", "description": "recording for klute-sim view"}]
+    assert 'href="comparison.rrd"' in comparison_page.render_page(compare_gait_runs(0.0, 1.0), {}, files)
     assert "rrd" not in comparison_page.render_page(compare_gait_runs(0.0, 1.0), {})
 
 
@@ -265,7 +269,7 @@ def test_single_series_has_a_band_and_no_difference() -> None:
         assert isinstance(band, PolyCollection)
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
     assert legend == ["a (4 strides)", "mean ±1 sd"]
-    page = comparison_page.render_page(single, {"": b""})
+    page = comparison_page.render_page(single, {"": ""})
     assert "<title>a</title>" in page
     assert "Means and bands" in page
     assert "bias" not in page

@@ -10,6 +10,7 @@ from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.report.diagnosis import figures, localization_figure, page, traces
 from klute_sim.report.diagnosis import text as words
 from klute_sim.units import BAR
+from tests.report.figure_checks import check_figure
 from tests.report.synthetic_diagnosis import axes_of, insufficient, without_effects
 
 
@@ -19,7 +20,9 @@ def test_fitted_trials_are_not_presented_as_test_trials(diagnosis: Diagnosis) ->
     assert "because there are no usable test trials" in page.render_page(fitted, {})
     trials = traces.simulate_shown_trials(fitted)
     assert [trial.experiment.name for trial in trials] == ["g0_0", "g0_1"]
-    assert "fitted trial" in figures.build_overlay_figure(fitted, trials[0]).get_suptitle()
+    overlay = figures.build_overlay_figure(fitted, trials[0])
+    assert "fitted trial" in overlay.legends[0].get_title().get_text()
+    check_figure(overlay)
     assert "fitted" in figures.build_gap_figure(fitted).get_suptitle()
 
 
@@ -42,7 +45,7 @@ def test_overlay_shows_channels_in_their_units(diagnosis: Diagnosis) -> None:
         "measured - simulated [bar]",
     ]
     assert axes[-1].get_xlabel().endswith("[s]")
-    assert "g1_0" in figure.get_suptitle()
+    assert "g1_0" in figure.legends[0].get_title().get_text()
     lines = {line.get_label(): line for line in axes[2].get_lines()}
     measured = trial.experiment.measured["pressure"]
     assert lines["measured"].get_ydata() == pytest.approx(measured.value / BAR)
@@ -83,6 +86,7 @@ def test_gap_figure_shows_the_gaps(diagnosis: Diagnosis) -> None:
 
 def test_ranking_shows_every_step_with_the_accepted_candidate_first(diagnosis: Diagnosis) -> None:
     figure = figures.build_ranking_figure(diagnosis)
+    check_figure(figure)
     axes = axes_of(figure)
     assert len(axes) == len(diagnosis.selection_history)
     names = [label.get_text() for label in axes[0].get_yticklabels()]
@@ -100,6 +104,7 @@ def test_ranking_shows_every_step_with_the_accepted_candidate_first(diagnosis: D
 
 def test_localization_shows_the_misfit_in_units_of_noise(diagnosis: Diagnosis) -> None:
     figure = localization_figure.build_localization_figure(diagnosis)
+    check_figure(figure)
     labels = {axis.get_xlabel() for axis in axes_of(figure)}
     assert labels == {"prescribed length [mm]", "time from the start of the trial [s]", "motion of the rig"}
     assert diagnosis.base_fit is not None

@@ -11,7 +11,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.provenance import collect_versions
-from klute_sim.report.diagnosis import page
+from klute_sim.report.diagnosis import figures, page
 from klute_sim.report.diagnosis import text as words
 from klute_sim.units import BAR
 from tests.report.synthetic_diagnosis import (
@@ -196,9 +196,12 @@ def test_page_warns_of_a_fit_that_did_not_converge_or_is_at_a_bound(diagnosis: D
 
 @pytest.fixture(scope="module")
 def attacked_html(diagnosis: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> str:
-    file = tmp_path_factory.mktemp("page") / "page.html"
-    page.write_page(with_html_attack(diagnosis), file)
-    return file.read_text("utf-8")
+    folder = tmp_path_factory.mktemp("page")
+    attacked = with_html_attack(diagnosis)
+    figures.save_figures(attacked, folder)
+    (folder / "recording.rrd").touch()
+    page.write_page(attacked, folder)
+    return (folder / "index.html").read_text("utf-8")
 
 
 def test_names_from_the_data_are_escaped(attacked_html: str) -> None:
@@ -217,6 +220,6 @@ def test_page_embeds_its_figures_and_loads_nothing(attacked_html: str) -> None:
     assert "https:" not in attacked_html
 
 
-def test_page_links_to_its_recording(diagnosis: Diagnosis, html: str) -> None:
+def test_page_links_to_its_recording(attacked_html: str, html: str) -> None:
     assert "rrd" not in html
-    assert '<a href="recording.rrd">' in page.render_page(diagnosis, {}, "recording.rrd")
+    assert '<a href="recording.rrd">' in attacked_html

@@ -1,21 +1,30 @@
-"""Axes of the figures of effects."""
+"""Figure of the signature of an effect: the difference has a row of its own."""
 
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from klute_sim.report.effects.figures import _align_zeros
+from klute_sim.diagnosis.planning.signatures import ChannelResponse, EffectResponse
+from klute_sim.report.effects.figures import build_signature_figure
+from tests.report.figure_checks import check_figure
 
 
-@pytest.mark.parametrize("difference", [(-5.0, 1.0), (2.0, 3.0), (-3.0, -2.0), (-1.0, 1.0)])
-def test_zeros_of_two_axes_are_at_one_height(difference: tuple[float, float]) -> None:
-    axis = Figure().subplots()
-    other = axis.twinx()
-    axis.set_ylim(100.0, 900.0)
-    other.set_ylim(*difference)
-    _align_zeros(axis, other)
-    heights = [-low / (high - low) for low, high in (axis.get_ylim(), other.get_ylim())]
-    assert heights[0] == pytest.approx(heights[1])
-    assert axis.get_ylim()[0] <= 100.0
-    assert axis.get_ylim()[1] >= 900.0
-    assert other.get_ylim()[0] <= difference[0]
-    assert other.get_ylim()[1] >= difference[1]
+def test_difference_has_a_row_of_its_own() -> None:
+    time = np.linspace(0.0, 1.0, 50)
+    experiment: Any = SimpleNamespace(
+        dt=0.02, command=1e5 * time, unit_length=0.3 + 0.01 * time, device=SimpleNamespace(name="klute")
+    )
+    term: Any = SimpleNamespace(effect="tendon_slack", form="offset")
+    channel = ChannelResponse("force", time, 100.0 * time, 90.0 * time)
+    figure = build_signature_figure(EffectResponse(term, "ramps", experiment, (channel,)))
+    check_figure(figure)
+    length, command, above, below = figure.axes
+    assert length.lines[0].get_ydata() == pytest.approx(300.0 + 10.0 * time)
+    assert command.lines[0].get_ydata() == pytest.approx(time)
+    assert [line.get_label() for line in above.lines] == ["without", "with"]
+    zero, difference = below.lines
+    assert set(np.asarray(zero.get_ydata()).tolist()) == {0.0}
+    assert difference.get_ydata() == pytest.approx(-10.0 * time)
+    assert below.get_ylabel() == "with -\nwithout [N]"

@@ -37,5 +37,5 @@ def test_text_has_enough_contrast(mode: str, background: str) -> None:
 
 def test_pages_take_every_colour_from_the_mode() -> None:
     for template in TEMPLATES.iterdir():
-        style = re.sub(r":root \{.*?\}|img \{ background: #fff; \}", "", template.read_text("utf-8"), flags=re.DOTALL)
+        style = re.sub(r":root \{.*?\}", "", template.read_text("utf-8"), flags=re.DOTALL)
         assert re.findall(r"#[0-9a-f]{3,6}\b(?=[; ])", style) == [], template.name

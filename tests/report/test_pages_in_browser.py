@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.report.diagnosis import page
+from klute_sim.report.diagnosis import figures, page
 from tests.command_line import run
 
 pytestmark = pytest.mark.extras
 
 ROOT = Path(__file__).parents[2]
-PHONE, LAPTOP = 390, 1280
-"""Widths of windows [pixels]."""
+WIDTHS = (390, 1000, 1400)
+"""Widths of a phone, a tablet and a laptop [pixels]."""
 POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 MEASURE_SCRIPT = """<script>
 addEventListener("load", () => {
@@ -55,7 +55,8 @@ def chromium() -> str:
 @pytest.fixture(scope="module")
 def pages(diagnosis: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("pages")
-    page.write_page(diagnosis, folder / "diagnosis.html")
+    figures.save_figures(diagnosis, folder / "diagnosis")
+    page.write_page(diagnosis, folder / "diagnosis")
     for name, controller in (("a", "profile"), ("b", "off")):
         run("gait", "--controller", controller, "--strides", "2", "--step", "1", "--out", name, cwd=folder)
     completed = run("compare", "a", "b", "--out", "compared", cwd=folder)
@@ -63,7 +64,8 @@ def pages(diagnosis: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> dic
     command = [sys.executable, "-m", "sphinx", "-q", "-b", "html", str(ROOT / "docs"), str(folder / "site")]
     assert subprocess.run(command, check=False).returncode == 0
     site = {f"site/{name}": folder / "site" / f"{name}.html" for name in ("index", "diagnose", "effects", "api/laws")}
-    return {"diagnosis": folder / "diagnosis.html", "comparison": folder / "compared" / "comparison.html", **site}
+    reports = {"diagnosis": "diagnosis", "comparison": "compared", "gait": "a"}
+    return {name: folder / run_folder / "index.html" for name, run_folder in reports.items()} | site
 
 
 def browse(chromium: str, file: Path, width: int, profile: Path) -> tuple[str, str]:
@@ -79,10 +81,10 @@ def browse(chromium: str, file: Path, width: int, profile: Path) -> tuple[str, s
 
 
 @pytest.mark.parametrize(
-    "name", ["diagnosis", "comparison", "site/index", "site/diagnose", "site/effects", "site/api/laws"]
+    "name", ["diagnosis", "comparison", "gait", "site/index", "site/diagnose", "site/effects", "site/api/laws"]
 )
 def test_page_is_complete_and_fits_the_window(name: str, chromium: str, pages: dict[str, Path], tmp_path: Path) -> None:
-    document, messages = browse(chromium, pages[name], LAPTOP, tmp_path / "profile")
+    document, messages = browse(chromium, pages[name], WIDTHS[-1], tmp_path / "profile")
     assert "<h1" in document
     assert messages == ""
     text = pages[name].read_text("utf-8")
@@ -91,9 +93,9 @@ def test_page_is_complete_and_fits_the_window(name: str, chromium: str, pages: d
         POLICY.sub("", text).replace("</head>", MEASURE_SCRIPT + "</head>", 1), "utf-8"
     )  # the policy forbids scripts
     frame = copy.with_name(f"framed-{pages[name].name}")
-    for width in (PHONE, LAPTOP):
+    for width in WIDTHS:
         frame.write_text(FRAME_PAGE.format(file=copy.name, width=width), "utf-8")
-        document, _ = browse(chromium, frame, LAPTOP, tmp_path / "profile")
+        document, _ = browse(chromium, frame, WIDTHS[-1], tmp_path / "profile")
         found = re.search(r"measured:(.*?):end", document, re.DOTALL)
         assert found is not None
         measured = json.loads(html.unescape(found[1]))
@@ -105,7 +107,7 @@ def test_page_is_complete_and_fits_the_window(name: str, chromium: str, pages: d
 
 
 def test_report_runs_no_script_and_loads_nothing_from_the_network(pages: dict[str, Path]) -> None:
-    for name in ("diagnosis", "comparison"):
+    for name in ("diagnosis", "comparison", "gait"):
         text = pages[name].read_text("utf-8")
         assert "default-src 'none'" in text
         assert "<script" not in text

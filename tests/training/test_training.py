@@ -212,7 +212,9 @@ def test_training_resumes_and_exports_its_network(algorithm: str, tmp_path: Path
     curve = np.genfromtxt(folder / "learning_curve.csv", delimiter=",", names=True)
     assert np.all(np.diff(curve["steps"]) > 0)
     assert curve["episode_steps"].max() == 110
-    assert {"checkpoint.zip", "config.toml", "learning_curve.png", "policy.npz"} <= {f.name for f in folder.iterdir()}
+    assert {"checkpoint.zip", "config.toml", "figure.png", "index.html", "policy.npz"} <= {
+        f.name for f in folder.iterdir()
+    }
 
     import stable_baselines3
     from stable_baselines3.common.utils import set_random_seed

@@ -75,7 +75,7 @@ def test_tuning_writes_gains_that_control_the_joint(tmp_path: Path) -> None:
     written = tomllib.loads((result.save() / "tuned.toml").read_text())
     assert written == pytest.approx(result.gains)
     assert vars(PidController(**written))["proportional"] == pytest.approx(result.gains["proportional"])
-    files = {"joint_evaluations.csv", "tuned.toml", "tuning.json", "tuning.png"}
+    files = {"joint_evaluations.csv", "tuned.toml", "tuning.json", "figure.png", "index.html"}
     assert files <= {file.name for file in result.folder.iterdir()}
     content = json.loads((result.folder / "tuning.json").read_text())
     assert content["design_variables"]["proportional"]["before"] == DEFAULT_GAINS["proportional"]

@@ -126,7 +126,7 @@ def test_tuning_writes_a_machine_that_walks(tmp_path: Path) -> None:
     result = ks.tune_walk(budget=6, n_jobs=1, folder=tmp_path / "t", **options)
     assert result.best.cost <= result.initial.cost
     assert load_state_machine(result.save() / "tuned.toml") == result.machine
-    files = {"walk_evaluations.csv", "tuned.toml", "tuning.json", "tuning.png"}
+    files = {"walk_evaluations.csv", "tuned.toml", "tuning.json", "figure.png", "index.html"}
     assert files <= {file.name for file in result.folder.iterdir()}
     content = json.loads((result.folder / "tuning.json").read_text())
     assert content["design_variables"]["push_off_bar"]["before"] == 4.4

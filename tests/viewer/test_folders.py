@@ -212,7 +212,7 @@ def test_read_only_folder_is_not_changed(tmp_path: Path, monkeypatch: pytest.Mon
     [
         ({}, "it is not a folder of results; allowed: walk"),
         ({"reference.toml": "", "reference.csv": ""}, "is a gait reference, which has no view; .* 'klute-sim compare"),
-        ({"assessment.html": ""}, "is an assessment, which has no view; open .* in a browser"),
+        ({"assessment.json": ""}, "is an assessment, which has no view; open .* in a browser"),
         ({"comparison.json": "{}"}, r"has no comparison\.rrd: the comparison was written without"),
         ({"verdict.json": "{}"}, r"has no recording\.rrd: the diagnosis was written without"),
         ({"sweep.json": "{}"}, r"an unfinished sweep \(no sweep\.parquet\)"),

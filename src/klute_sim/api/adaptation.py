@@ -4,7 +4,7 @@ import csv
 import io
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -22,6 +22,7 @@ from klute_sim.parameter_sweep import cluster
 from klute_sim.parameter_sweep.fingerprint import fingerprint_software
 from klute_sim.parameter_sweep.store import ResultStore, open_store
 from klute_sim.recording.atomic_file import write_atomically
+from klute_sim.report.run_page import FIGURE_FILE, PAGE_FILE, write_run_page
 from klute_sim.types import ProgressCallback
 from klute_sim.walker.adaptation.objective import (
     HORIZON,
@@ -191,8 +192,9 @@ def adapt_walker(
             )
             options = WalkOptions(seconds=ACCEPTANCE_FACTOR * problem.horizon)
             outcomes = compute_outcomes(simulate_walk(walker, prosthesis, chosen_controller, options))
-            summary = _write_results(store, walker, outcomes)
-    return AdaptationResult(walker, outcomes, store.folder, summary)
+            result = AdaptationResult(walker, outcomes, store.folder, _build_summary(store, walker, outcomes))
+            _write_results(store, result, all_costs)
+    return result
 
 
 @contextmanager
@@ -244,21 +246,29 @@ def _write_costs(store: ResultStore, costs: list[float]) -> None:
         write_atomically(store.folder / COSTS_FILE, buffer.getvalue())
 
 
-def _write_results(store: ResultStore, walker: Walker, outcomes: WalkOutcomes) -> dict[str, Any]:
+def _build_summary(store: ResultStore, walker: Walker, outcomes: WalkOutcomes) -> dict[str, Any]:
+    """Return the content of adaptation.json."""
     legs = {
         side: {key: value for key, value in asdict(leg).items() if key not in ("curves", "deviations")}
         for side, leg in outcomes.legs.items()
     }
     walk = {key: value for key, value in asdict(outcomes).items() if key != "legs"}
-    summary = {
+    return {
         "folder": str(store.folder),
-        "files": sorted([COSTS_FILE, WALKER_FILE, SUMMARY_FILE]),
+        "files": sorted([COSTS_FILE, WALKER_FILE, SUMMARY_FILE, FIGURE_FILE, PAGE_FILE]),
         "is_accepted": not outcomes.has_fallen,
         "condition": dict(walker.condition),
         "search": dict(walker.search),
         "walk": {**walk, "legs": legs},
     }
+
+
+def _write_results(store: ResultStore, result: AdaptationResult, costs: Sequence[float]) -> None:
+    from klute_sim.report.style import save_figure
+    from klute_sim.report.walk.adaptation_figure import DESCRIPTION, build_figure
+
     with store.translate_write_errors():
-        write_atomically(store.folder / WALKER_FILE, walker.to_toml())
-        write_atomically(store.folder / SUMMARY_FILE, json.dumps(summary, indent=2, allow_nan=False) + "\n")
-    return summary
+        write_atomically(store.folder / WALKER_FILE, result.walker.to_toml())
+        write_atomically(store.folder / SUMMARY_FILE, json.dumps(result.summary, indent=2, allow_nan=False) + "\n")
+        save_figure(build_figure(costs), store.folder / FIGURE_FILE)
+        write_run_page(store.folder, "Adaptation of a walker", result.format_summary(), {FIGURE_FILE: DESCRIPTION})

@@ -1,6 +1,5 @@
 """Assess whether a prosthesis serves a person: :func:`assess` and its result :class:`Assessment`."""
 
-import io
 import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -26,8 +25,8 @@ from klute_sim.units import BAR
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAGE_FILE, SUMMARY_FILE = "assessment.html", "assessment.json"
-"""Files of an assessment."""
+SUMMARY_FILE = "assessment.json"
+"""Results of an assessment."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -55,7 +54,7 @@ class Assessment:
                 yield from person.ranked[0].shortfalls
             yield person.subject.format_sentence()
             yield from person.subject.remarks
-        yield "A star marks a shortfall; assessment.html has a sentence for each, and the criteria."
+        yield "A star marks a shortfall; index.html has a sentence for each, and the criteria."
         yield "BW: body weights. The air is that of a stride."
         yield from _ASSUMPTIONS
 
@@ -96,28 +95,27 @@ class Assessment:
     def write_files(self, scratch: Path, folder: Path) -> dict[str, Any]:
         """Write all files into ``scratch``, which becomes ``folder``; returns the content of assessment.json."""
         from klute_sim.report.assessment.page import write_page
+        from klute_sim.report.run_page import PAGE_FILE
+        from klute_sim.report.style import save_figure
 
         pictures = [
-            self._draw(index) if any(c.run is not None for c in person.controllers) else b""
-            for index, person in enumerate(self.persons)
+            f"person-{number}.png" if any(c.run is not None for c in person.controllers) else ""
+            for number, person in enumerate(self.persons, start=1)
         ]
+        for index, name in enumerate(pictures):
+            if name:
+                save_figure(self.plot(index), scratch / name)
         context = {
             "persons": [build_page_entry(person) for person in self.persons],
             "titles": [criterion.title.replace("\n", " ") for criterion in assessment.CRITERIA],
             "criteria": [criterion.describe() for criterion in assessment.CRITERIA],
             "assumptions": _ASSUMPTIONS,
         }
-        write_page(context, pictures, scratch / PAGE_FILE)
-        content = {"folder": str(folder), "files": [PAGE_FILE, SUMMARY_FILE], **self.summary}
+        files = sorted([*filter(None, pictures), PAGE_FILE, SUMMARY_FILE])
+        content = {"folder": str(folder), "files": files, **self.summary}
         (scratch / SUMMARY_FILE).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
+        write_page(context, pictures, scratch)
         return content
-
-    def _draw(self, person: int) -> bytes:
-        from klute_sim.report.style import COMPACT_DPI
-
-        buffer = io.BytesIO()
-        self.plot(person).savefig(buffer, format="png", dpi=COMPACT_DPI)
-        return buffer.getvalue()
 
 
 _ASSUMPTIONS = [

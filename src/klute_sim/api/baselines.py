@@ -24,6 +24,7 @@ from klute_sim.baselines.library import Baseline, load_baselines
 from klute_sim.errors import InputError
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.gait.subject import ReferenceLike, Subject, resolve_subject
+from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNTRACKED_COLUMN
 from klute_sim.parameter_sweep.local import LocalRunner
 from klute_sim.parameter_sweep.store import ResultStore, open_store
 from klute_sim.parameter_sweep.sweep import run_cases
@@ -112,36 +113,34 @@ class BaselineTable:
         frame: pd.DataFrame = pandas.DataFrame(self.rows)
         return frame
 
-    def plot(self, metric: str = "ankle_work_net [J/kg]") -> "Figure":
-        """Return a bar chart of ``metric`` by baseline, one group of bars per condition.
+    def plot(self, metric: str | None = None) -> "Figure":
+        """Return a figure of ``metric`` by baseline and condition; None: of the main metrics.
 
         Raises InputError when there is no such metric.
         """
-        from matplotlib.figure import Figure
+        from klute_sim.report.sweep.figure import GAIT_METRICS, build_figure
 
-        if not any(metric in row for row in self.rows):
+        if metric is not None and not any(metric in row for row in self.rows):
             allowed = ", ".join(name for name in self.rows[0] if "[" in name)
             raise InputError(f"there is no metric '{metric}'; allowed: {allowed}")
-        names = list(dict.fromkeys(row["baseline"] for row in self.rows))
-        conditions = list(dict.fromkeys(row["condition"] for row in self.rows))
-        figure = Figure(figsize=(9.0, 4.5), layout="constrained")
-        axis = figure.subplots()
-        width = 0.8 / len(conditions)
-        for index, condition in enumerate(conditions):
-            rows = [row for row in self.rows if row["condition"] == condition and row.get(metric) is not None]
-            positions = [names.index(row["baseline"]) + width * (index - 0.5 * (len(conditions) - 1)) for row in rows]
-            axis.bar(positions, [row[metric] for row in rows], width=width, label=condition)
-        axis.set_xticks(range(len(names)), names, rotation=30, ha="right")
-        axis.set_ylabel(metric)
-        axis.legend()
-        return figure
+        metrics = {metric: metric} if metric else GAIT_METRICS
+        return build_figure(self.rows, ("condition",), metrics, (TRIPS_COLUMN, UNTRACKED_COLUMN), over="baseline")
 
     def save(self, folder: str | Path | None = None) -> Path:
-        """Write table.json into ``folder``; None: the folder of the results. Returns the folder."""
+        """Write table.json, figure.png and index.html into ``folder``; None: that of the results.
+
+        Returns the folder.
+        """
+        from klute_sim.report.run_page import FIGURE_FILE, write_run_page
+        from klute_sim.report.style import save_figure
+
         target = self.folder if folder is None else Path(folder)
         with ResultStore(target).translate_write_errors():
             target.mkdir(parents=True, exist_ok=True)
             write_atomically(target / "table.json", json.dumps(self.to_json(), indent=2, allow_nan=False) + "\n")
+            save_figure(self.plot(), target / FIGURE_FILE)
+            description = "Main metrics of every baseline in each walking condition."
+            write_run_page(target, "Baselines", self.format_summary(), {FIGURE_FILE: description})
         return target
 
     def to_json(self) -> dict[str, Any]:

@@ -109,8 +109,10 @@ class BenchRun:
         self, scratch: Path, folder: Path, progress: ProgressCallback = lambda fraction, stage: None
     ) -> dict[str, Any]:
         """Write all files into ``scratch``, which becomes ``folder``; return the content of summary.json."""
+        from klute_sim.report.bench.figure import DESCRIPTIONS
         from klute_sim.report.bench.table import format_results_csv
-        from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.report.run_page import FIGURE_FILE, PAGE_FILE, write_run_page
+        from klute_sim.report.style import save_figure
 
         (scratch / "device.toml").write_bytes(self.device.content)
         (scratch / "protocol.toml").write_bytes(self.protocol_content)
@@ -118,10 +120,16 @@ class BenchRun:
         for index, trial in enumerate(self.result.trials):
             parquet.write_recording(trial.recording, scratch / f"{trial.name}.parquet")
             progress(0.7 * index / len(self.result.trials), "writing")
-        self.plot().savefig(scratch / "figure.png", dpi=COMPACT_DPI)
-        files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
+        save_figure(self.plot(), scratch / FIGURE_FILE)
+        files = [*sorted(file.name for file in scratch.iterdir()), PAGE_FILE, "summary.json"]
         summary = {**self.summary, "run": str(folder), "files": files}
         (scratch / "summary.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", "utf-8")
+        write_run_page(
+            scratch,
+            f"{self.protocol.name}: {self.device.name}",
+            self.format_summary(),
+            {FIGURE_FILE: DESCRIPTIONS[self.protocol.kind]},
+        )
         return summary
 
 

@@ -93,17 +93,13 @@ class ComparisonResult:
 
         Raises InputError for an unknown trial.
         """
-        import matplotlib
-
         from klute_sim.report.comparison.figures import build_part_figure
-        from klute_sim.report.style import STYLE
 
         parts = {candidate.name: candidate for candidate in self.parts}
         name = self.parts[0].name if part is None else part
         if name not in parts:
             raise InputError(f"unknown part '{name}'; allowed: {', '.join(map(repr, parts))}")
-        with matplotlib.rc_context(STYLE):
-            return build_part_figure(parts[name], self.comparison.domain)
+        return build_part_figure(parts[name], self.comparison.domain)
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return the content of comparison.csv; raises MissingExtraError without pandas."""
@@ -132,32 +128,36 @@ class ComparisonResult:
 
         Returns the content of comparison.json, and sentences on optional files that are left out.
         """
+        from klute_sim.report.comparison import page
+        from klute_sim.report.run_page import PAGE_FILE
+
         (scratch / "comparison.csv").write_text(results.format_csv(self.comparison), "utf-8")
         results.write_curves(self.comparison, scratch / "bands.parquet")
-        notes = self._write_report(scratch, progress) if report else []
-        files = [*sorted(file.name for file in scratch.iterdir()), "comparison.json"]
+        pictures, notes = self._write_pictures(scratch, progress) if report else ({}, [])
+        files = [*sorted(file.name for file in scratch.iterdir()), *([PAGE_FILE] if report else []), "comparison.json"]
         content = {**results.as_json(self.comparison), "run": str(folder), "files": files}
         (scratch / "comparison.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
+        if report:
+            page.write_page(self.comparison, pictures, scratch)
         return content, notes
 
-    def _write_report(self, scratch: Path, progress: Callable[[float], None]) -> list[str]:
-        from klute_sim.report.comparison import figures, page
+    def _write_pictures(self, scratch: Path, progress: Callable[[float], None]) -> tuple[dict[str, str], list[str]]:
+        """Write figures and viewer recording; return the file by part, and sentences on what is left out."""
+        from klute_sim.report.comparison import figures
+        from klute_sim.report.style import save_figure
         from klute_sim.viewer.layouts import comparison as layout
 
-        notes, pictures, rrd_file = [], {}, RRD_FILE
+        notes, pictures = [], {}
         n_figures = min(len(self.parts), figures.MAX_FIGURES)
         for number, (part, figure) in enumerate(figures.build_figures(self.comparison), start=1):
-            file = scratch / f"{part.name or 'comparison'}.png"
-            figure.savefig(file, dpi=figures.DPI)
-            pictures[part.name] = file.read_bytes()
+            pictures[part.name] = f"{part.name or 'comparison'}.png"
+            save_figure(figure, scratch / pictures[part.name])
             progress(0.8 * number / n_figures)
         try:
             layout.write_recording(self.comparison, scratch / RRD_FILE)
         except MissingExtraError as error:
             notes.append(f"No {RRD_FILE}: {error}.")
-            rrd_file = ""
-        page.write_page(self.comparison, pictures, scratch / "comparison.html", rrd_file)
-        return notes
+        return pictures, notes
 
 
 def compare(

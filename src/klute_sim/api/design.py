@@ -111,15 +111,19 @@ class DesignResult:
 
     def write_files(self, scratch: Path, folder: Path) -> dict[str, Any]:
         """Write all files into ``scratch``, which becomes ``folder``; returns the content of summary.json."""
-        from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.report.design.figure import DESCRIPTION
+        from klute_sim.report.run_page import FIGURE_FILE, PAGE_FILE, write_run_page
+        from klute_sim.report.style import save_figure
 
         if self.profile is not None:
             (scratch / "profile.csv").write_text(profile_to_csv(self.profile), "utf-8")
         (scratch / "device.toml").write_bytes(self.device.content)
-        self.plot().savefig(scratch / "figure.png", dpi=COMPACT_DPI)
-        files = sorted([*(file.name for file in scratch.iterdir()), "summary.json"])
+        save_figure(self.plot(), scratch / FIGURE_FILE)
+        files = sorted([*(file.name for file in scratch.iterdir()), PAGE_FILE, "summary.json"])
         content = {**self._summarize(folder), "run": str(folder), "files": files}
         (scratch / "summary.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
+        title = f"Design {self.device.name}"
+        write_run_page(scratch, title, self.format_summary(content), {FIGURE_FILE: DESCRIPTION})
         return content
 
 

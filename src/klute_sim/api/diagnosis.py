@@ -166,13 +166,11 @@ class DiagnosisResult:
         from klute_sim.report.diagnosis.page import write_page
         from klute_sim.viewer.layouts.diagnosis import write_recording
 
-        recording = ""
         if diagnosis.final_fit is not None:
             save_figures(diagnosis, folder)
             with suppress(MissingExtraError):  # `klute-sim view` reports the missing extra
                 write_recording(diagnosis, folder / RECORDING_FILE_NAME)
-                recording = RECORDING_FILE_NAME
-        write_page(diagnosis, folder / "report.html", recording)
+        write_page(diagnosis, folder)
 
 
 def load_dataset(folder: str | Path, device: DeviceLike | None = None, *, accept: Collection[str] = ()) -> Dataset:

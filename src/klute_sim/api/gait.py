@@ -60,6 +60,18 @@ class GaitRun(RecordedRun):
     """Sentences on inputs that the run could not follow, such as a pressure command above the supply."""
 
     @property
+    def title(self) -> str:
+        """Title of the page of the run."""
+        return f"Gait with {self.recording.provenance['device']['name']}"
+
+    @property
+    def figure_description(self) -> str:
+        """Text that stands for the figure where it cannot be seen."""
+        from klute_sim.report.gait.figure import DESCRIPTION
+
+        return DESCRIPTION
+
+    @property
     def reference(self) -> Reference:
         """Reference gait that the rig follows and the metrics are compared with."""
         return self.options.reference

@@ -127,9 +127,11 @@ class JointRun:
 
     def write_files(self, scratch: Path, folder: Path) -> dict[str, Any]:
         """Write all files into ``scratch``, which becomes ``folder``; return the content of summary.json."""
-        from klute_sim.report.joint.response import format_response_csv
+        from klute_sim.report.joint.figure import DESCRIPTION
+        from klute_sim.report.joint.response import RESPONSE_DESCRIPTION, format_response_csv
         from klute_sim.report.joint.table import format_results_csv
-        from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.report.run_page import FIGURE_FILE, PAGE_FILE, write_run_page
+        from klute_sim.report.style import save_figure
 
         for name, device in self.result.devices.items():
             (scratch / f"{name}.toml").write_bytes(device.content)
@@ -140,12 +142,15 @@ class JointRun:
         (scratch / "results.csv").write_text(format_results_csv(self.result), "utf-8")
         for trial in self.result.trials:
             parquet.write_recording(trial.recording, scratch / f"{trial.name}.parquet")
-        self.plot().savefig(scratch / "figure.png", dpi=COMPACT_DPI)
+        save_figure(self.plot(), scratch / FIGURE_FILE)
         if self.comparison is not None:
             (scratch / "response.csv").write_text(format_response_csv(self.comparison, self.result.unit), "utf-8")
-        files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
+        files = [*sorted(file.name for file in scratch.iterdir()), PAGE_FILE, "summary.json"]
         summary = {**self.summary, "run": str(folder), "files": files}
         (scratch / "summary.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", "utf-8")
+        title = f"{self.result.test}: {self.result.file.name}"
+        description = DESCRIPTION if self.comparison is None else RESPONSE_DESCRIPTION
+        write_run_page(scratch, title, self.format_summary(), {FIGURE_FILE: description})
         return summary
 
 

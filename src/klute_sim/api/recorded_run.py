@@ -28,6 +28,16 @@ class RecordedRun(ABC):
 
     @property
     @abstractmethod
+    def title(self) -> str:
+        """Title of the page of the run."""
+
+    @property
+    @abstractmethod
+    def figure_description(self) -> str:
+        """Text that stands for the figure where it cannot be seen."""
+
+    @property
+    @abstractmethod
     def summary(self) -> dict[str, Any]:
         """Content of summary.json."""
 
@@ -75,7 +85,8 @@ class RecordedRun(ABC):
 
         Returns the content of summary.json, and sentences on optional files that are left out.
         """
-        from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.report.run_page import FIGURE_FILE, PAGE_FILE, write_run_page
+        from klute_sim.report.style import save_figure
 
         notes = []
         self._write_inputs(scratch)
@@ -83,13 +94,15 @@ class RecordedRun(ABC):
         if with_csv:
             csv.write(self.recording, scratch / "recording.csv")
         progress(0.3)
-        self.plot().savefig(scratch / "report.png", dpi=COMPACT_DPI)
+        save_figure(self.plot(), scratch / FIGURE_FILE)
         progress(0.6)
         try:
             self._write_view(scratch)
         except MissingExtraError as error:
             notes.append(f"No recording.rrd: {error}.")
-        files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
+        files = [*sorted(file.name for file in scratch.iterdir()), PAGE_FILE, "summary.json"]
         content = {**self.summary, "run": str(folder), "files": files}
         (scratch / "summary.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
+        summary = [*self.format_summary(), *self.warnings]
+        write_run_page(scratch, self.title, summary, {FIGURE_FILE: self.figure_description})
         return content, notes

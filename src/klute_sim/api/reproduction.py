@@ -126,9 +126,9 @@ class ReproductionResult:
             paths[figures[index].number] = path
             if progress is not None:
                 progress((index + 1) / len(figures), "drawing")
-        write_page(self.reproduction, paths, scratch / "report.html")
         (scratch / "items.json").write_text(self.to_json() + "\n", "utf-8")
         (scratch / "device.toml").write_bytes(self.device.content)
+        write_page(self.reproduction, paths, scratch)
 
 
 def reproduce(

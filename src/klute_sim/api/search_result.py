@@ -12,7 +12,7 @@ from klute_sim.device.device import Device
 from klute_sim.files.toml import format_toml
 from klute_sim.parameter_sweep.local import LocalRunner
 from klute_sim.parameter_sweep.store import ResultStore
-from klute_sim.recording.atomic_file import replace_atomically, write_atomically
+from klute_sim.recording.atomic_file import write_atomically
 from klute_sim.tuning.search import (
     MAX_REEVALUATIONS,
     REEVALUATED_FRACTION,
@@ -151,20 +151,19 @@ class SearchResult(ABC, Generic[P, E]):
         return render_html(self.format_summary())
 
     def plot(self) -> "Figure":
-        """Return the figure of the objective over the evaluations."""
-        import numpy as np
-        from matplotlib.figure import Figure
+        """Return the figure of the objective over the evaluations, and of the changes by the tuning."""
+        from klute_sim.report.tuning.search_figure import build_figure
 
-        costs = np.array([evaluation.cost for evaluation in self.evaluations])
-        figure = Figure(figsize=(7.0, 4.0), layout="constrained")
-        axis = figure.subplots()
-        axis.plot(costs, ".", color="#999999", label="evaluations")
-        axis.plot(np.minimum.accumulate(costs), color="#1f77b4", label="best so far")
-        axis.set_ylim(top=max(2.0 * float(costs[0]), float(costs[0]) + 1.0))
-        axis.set_xlabel("evaluation")
-        axis.set_ylabel("objective")
-        axis.legend()
-        return figure
+        before, tuned = (self.describe_metrics(evaluation) or {} for evaluation in (self.initial, self.best))
+        falls = [
+            evaluation.metrics is None or self.count_falls(evaluation) not in ("", 0) for evaluation in self.evaluations
+        ]
+        return build_figure(
+            [evaluation.cost for evaluation in self.evaluations],
+            falls,
+            {name.split(" [")[0].replace("_", " "): (before[name], tuned.get(name)) for name in before},
+            {name: (values["before"], values["tuned"]) for name, values in self.summary["design_variables"].items()},
+        )
 
     def save(self, folder: str | Path | None = None) -> Path:
         """Write the files of ``klute-sim tune`` into ``folder``; None: the folder of the evaluations.
@@ -177,25 +176,27 @@ class SearchResult(ABC, Generic[P, E]):
 
     def write_files(self, folder: Path) -> dict[str, Any]:
         """Write all files into ``folder`` and return the content of tuning.json."""
-        from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.report.run_page import FIGURE_FILE, PAGE_FILE, write_run_page
+        from klute_sim.report.style import save_figure
+        from klute_sim.report.tuning.search_figure import DESCRIPTION
         from klute_sim.viewer.layouts.one_objective import EVALUATION_COLUMNS, EVALUATIONS_FILES
 
         evaluations_file = EVALUATIONS_FILES[self.rig]
         rows = [
             f"{number},{e.generation},{e.cost!r},{self.count_falls(e)}" for number, e in enumerate(self.evaluations)
         ]
-        files = [evaluations_file, "tuned.toml", "tuning.json", "tuning.png"]
+        files = [evaluations_file, "tuned.toml", "tuning.json", FIGURE_FILE, PAGE_FILE]
         with ResultStore(folder).translate_write_errors():
             folder.mkdir(parents=True, exist_ok=True)
             if self.problem.space.device_keys:
                 write_atomically(folder / "device.toml", self.device.content.decode("utf-8-sig"))
                 files.append("device.toml")
-            with replace_atomically(folder / "tuning.png") as temporary:
-                self.plot().savefig(temporary, dpi=COMPACT_DPI)
+            save_figure(self.plot(), folder / FIGURE_FILE)
             write_atomically(folder / "tuned.toml", format_toml(self.controller_numbers))
             write_atomically(folder / evaluations_file, "\n".join([",".join(EVALUATION_COLUMNS), *rows]) + "\n")
             content = {"folder": str(folder), "files": sorted(files), **self.summary}
             write_atomically(folder / "tuning.json", json.dumps(content, indent=2, allow_nan=False) + "\n")
+            write_run_page(folder, f"Tuning, rig {self.rig}", self.format_summary(), {FIGURE_FILE: DESCRIPTION})
         return content
 
     def count_falls(self, evaluation: E) -> int | str:

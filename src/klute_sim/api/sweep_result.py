@@ -2,15 +2,17 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from klute_sim.api.optional import import_pandas
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.errors import InputError
 from klute_sim.parameter_sweep import display, table, walk_display
+from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNTRACKED_COLUMN
 from klute_sim.parameter_sweep.joint_plan import JointSweepPlan
 from klute_sim.parameter_sweep.plan import SweepPlan
 from klute_sim.parameter_sweep.store import ResultStore
+from klute_sim.parameter_sweep.walk_metrics import FELL_COLUMN
 from klute_sim.parameter_sweep.walk_plan import WalkSweepPlan
 from klute_sim.recording.atomic_file import replace_atomically
 
@@ -18,12 +20,25 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-PLOT_COLUMNS: dict[type, tuple[str, str, tuple[str, ...]]] = {
-    SweepPlan: ("ankle_work_net [J/kg]", "mass [kg]", ("device", "controller")),
-    WalkSweepPlan: ("cost_minetti [J/kg/m]", "push_off_pressure [bar]", ("walker",)),
-    JointSweepPlan: ("angle_error_rms [deg]", "proportional [1/rad]", ("device",)),
+WALK_INPUT_COLUMNS = (
+    "push_off_pressure [bar]",
+    "push_off_lean [deg]",
+    "foot_stiffness [N*m/deg]",
+    *walk_display.WALK_INPUT_TITLES,
+)
+"""Inputs of a walk but the walker."""
+INPUT_COLUMNS: dict[type, tuple[str, ...]] = {
+    SweepPlan: tuple(display.INPUT_TITLES),
+    WalkSweepPlan: WALK_INPUT_COLUMNS,
+    JointSweepPlan: tuple(display.JOINT_INPUT_TITLES),
 }
-"""Plan -> metric and input that are plotted by default, and columns that name a line."""
+"""Plan -> inputs over which its figure shows the metrics."""
+UNUSABLE_COLUMNS: dict[type, tuple[str, ...]] = {
+    SweepPlan: (TRIPS_COLUMN, UNTRACKED_COLUMN),
+    WalkSweepPlan: (FELL_COLUMN,),
+    JointSweepPlan: (),
+}
+"""Plan -> columns that say that a case is not usable."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -75,40 +90,30 @@ class SweepResult:
         return frame
 
     def plot(self, metric: str | None = None, over: str | None = None) -> "Figure":
-        """Return a figure of ``metric`` over the input column ``over``, one line per device and controller.
+        """Return a figure of ``metric`` over the input column ``over``; other inputs that vary have colours and styles.
 
-        None: net ankle work over body mass; of walks the cost after Minetti and Alexander over push-off pressure, one
-        line per walker; of the joint the error of the angle over the proportional gain, one line per device. Raises
-        InputError when a column does not exist.
+        ``metric`` None: the main metrics. ``over`` None: the input with the most values. Walks of several persons give
+        their mean and standard deviation. Raises InputError when a column does not exist.
         """
-        from matplotlib.figure import Figure
+        from klute_sim.report.sweep.figure import GAIT_METRICS, JOINT_METRICS, WALK_METRICS, build_figure
 
-        columns = table.get_column_types(self.plan)
-        default_metric, default_over, line_columns = PLOT_COLUMNS[type(self.plan)]
-        metric, over = metric or default_metric, over or default_over
+        columns, kind = table.get_column_types(self.plan), type(self.plan)
         for column in (metric, over):
-            if column not in columns:
+            if column is not None and column not in columns:
                 raise InputError(f"there is no column '{column}'; allowed: {', '.join(columns)}")
-        figure = Figure(figsize=(7.0, 4.0), layout="constrained")
-        axis = figure.subplots()
-        points: dict[str, list[tuple[Any, Any]]] = {}
-        for row in self.rows:
-            if row[metric] is not None and row[over] is not None:
-                label = ", ".join(row[column] for column in line_columns)
-                points.setdefault(label, []).append((row[over], row[metric]))
-        for label, pairs in points.items():
-            axis.plot(*zip(*sorted(pairs), strict=True), "o-", label=label)
-        axis.set_xlabel(over)
-        axis.set_ylabel(metric)
-        if points:
-            axis.legend()
-        return figure
+        metrics = {SweepPlan: GAIT_METRICS, WalkSweepPlan: WALK_METRICS, JointSweepPlan: JOINT_METRICS}[kind]
+        shown = {metric: metric} if metric else metrics
+        return build_figure(self.rows, INPUT_COLUMNS[kind], shown, UNUSABLE_COLUMNS[kind], over)
 
     def save(self, folder: str | Path | None = None, *, with_csv: bool = False) -> Path:
-        """Write sweep.parquet, and sweep.csv with ``with_csv``, into ``folder``; None: the folder of the results.
+        """Write sweep.parquet, figure.png, index.html and, with ``with_csv``, sweep.csv into ``folder``.
 
-        Returns the folder.
+        None: the folder of the results. Returns the folder.
         """
+        from klute_sim.report.run_page import FIGURE_FILE, write_run_page
+        from klute_sim.report.style import save_figure
+        from klute_sim.report.sweep.figure import DESCRIPTION
+
         target = self.folder if folder is None else Path(folder)
         with ResultStore(target).translate_write_errors():
             target.mkdir(parents=True, exist_ok=True)
@@ -117,4 +122,6 @@ class SweepResult:
                     table.write_csv(self.rows, temporary)
             with replace_atomically(target / "sweep.parquet") as temporary:
                 table.write_parquet(self.rows, self.plan, temporary)
+            save_figure(self.plot(), target / FIGURE_FILE)
+            write_run_page(target, f"Sweep: {len(self.rows)} cases", self.format_summary(), {FIGURE_FILE: DESCRIPTION})
         return target

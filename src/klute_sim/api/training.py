@@ -116,24 +116,27 @@ class TrainingResult:
 
     def plot(self) -> "Figure":
         """Return the figure of the learning curve."""
-        from klute_sim.report import training_figure
+        from klute_sim.report.training.figure import build_figure
 
-        return training_figure.build_figure(self.learning_curve, self.summary)
+        return build_figure(self.learning_curve, self.summary)
 
     def save(self, folder: str | Path | None = None) -> Path:
-        """Write policy.npz, learning_curve.png and summary.json into ``folder``; None: the folder of the training.
+        """Write policy.npz, figure.png, index.html and summary.json into ``folder``; None: the folder of the training.
 
         Returns the folder.
         """
-        from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.report.run_page import FIGURE_FILE, write_run_page
+        from klute_sim.report.style import save_figure
+        from klute_sim.report.training.figure import DESCRIPTION
 
         target = self.folder if folder is None else Path(folder)
         target.mkdir(parents=True, exist_ok=True)
         with replace_atomically(target / "policy.npz") as temporary:
             self.policy.save(temporary)
-        with replace_atomically(target / "learning_curve.png") as temporary:
-            self.plot().savefig(temporary, dpi=COMPACT_DPI)
+        save_figure(self.plot(), target / FIGURE_FILE)
         write_atomically(target / "summary.json", json.dumps(self.summary, indent=2, allow_nan=False) + "\n")
+        title = f"Training of a policy: {self.summary['env']}, {self.summary['algorithm'].upper()}"
+        write_run_page(target, title, self.format_summary(), {FIGURE_FILE: DESCRIPTION})
         return target
 
 

@@ -16,7 +16,7 @@ from klute_sim.gait.metrics import compute_gait_metrics
 from klute_sim.gait.subject import ReferenceLike, resolve_subject
 from klute_sim.gait.summary import summarize_gait_run
 from klute_sim.parameter_sweep.store import ResultStore
-from klute_sim.recording.atomic_file import replace_atomically, write_atomically
+from klute_sim.recording.atomic_file import write_atomically
 from klute_sim.recording.recording import Recording
 from klute_sim.tuning import results
 from klute_sim.tuning.design_variables import DEFAULT_DEVICE_KEYS, DesignSpace
@@ -142,10 +142,10 @@ class TuningResult:
 
     def plot(self) -> "Figure":
         """Return the figure of the Pareto front and of the gait before and after tuning."""
-        from klute_sim.report import tuning_figure
+        from klute_sim.report.tuning.figure import build_figure
 
         valid = [e for e in self.evaluations if e.metrics is not None and not e.metrics.trips]
-        return tuning_figure.build_figure(
+        return build_figure(
             [results.get_front_point(evaluation) for evaluation in valid],
             [results.get_front_point(evaluation) for evaluation in select_pareto_front(self.evaluations)],
             results.get_front_point(self.initial),
@@ -163,24 +163,27 @@ class TuningResult:
 
     def write_files(self, folder: Path) -> dict[str, Any]:
         """Write all files into ``folder`` and return the content of tuning.json."""
-        from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.report.run_page import FIGURE_FILE, PAGE_FILE, write_run_page
+        from klute_sim.report.style import save_figure
+        from klute_sim.report.tuning.figure import DESCRIPTION
         from klute_sim.viewer.layouts.tuning import EVALUATION_COLUMNS, EVALUATIONS_FILE
 
         device, profile = self.problem.space.decode(self.best.x)
-        files = [EVALUATIONS_FILE, "tuned.csv", "tuning.json", "tuning.png"]
+        files = [EVALUATIONS_FILE, "tuned.csv", "tuning.json", FIGURE_FILE, PAGE_FILE]
         with ResultStore(folder).translate_write_errors():
             folder.mkdir(parents=True, exist_ok=True)
             if self.problem.space.device_keys:
                 write_atomically(folder / "device.toml", device.content.decode("utf-8-sig"))
                 files.append("device.toml")
-            with replace_atomically(folder / "tuning.png") as temporary:
-                self.plot().savefig(temporary, dpi=COMPACT_DPI)
+            save_figure(self.plot(), folder / FIGURE_FILE)
             write_atomically(folder / "tuned.csv", profile_to_csv(profile))
             write_atomically(
                 folder / EVALUATIONS_FILE, results.format_evaluations_csv(self.evaluations, EVALUATION_COLUMNS)
             )
             content = {"folder": str(folder), "files": sorted(files), **self.summary}
             write_atomically(folder / "tuning.json", json.dumps(content, indent=2, allow_nan=False) + "\n")
+            title = f"Tuning of {self.problem.space.device.name}"
+            write_run_page(folder, title, self.format_summary(), {FIGURE_FILE: DESCRIPTION})
         return content
 
 

@@ -46,6 +46,18 @@ class WalkRun(RecordedRun):
     warnings: tuple[str, ...] = ()
     """Sentences on inputs that the walk could not follow."""
 
+    @property
+    def title(self) -> str:
+        """Title of the page of the walk."""
+        return f"Predicted walk: {self.summary['prosthesis'] or 'intact person'}"
+
+    @property
+    def figure_description(self) -> str:
+        """Text that stands for the figure where it cannot be seen."""
+        from klute_sim.report.walk.figure import DESCRIPTION
+
+        return DESCRIPTION
+
     @cached_property
     def outcomes(self) -> WalkOutcomes:
         """Outcomes of the walk beside able-bodied adults."""

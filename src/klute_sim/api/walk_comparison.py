@@ -134,10 +134,16 @@ class WalkComparison:
         return render_html(self.format_summary())
 
     def save(self, folder: str | Path | None = None) -> Path:
-        """Write walk-comparison.json into ``folder`` (new or empty; default: the next ``runs/walk-compare-NNN``)."""
+        """Write walk-comparison.json and index.html into ``folder`` (default: the next ``runs/walk-compare-NNN``).
+
+        Returns the folder, which has to be new or empty.
+        """
+        from klute_sim.report.run_page import write_run_page
+
         with create_run_folder("walk-compare", folder) as (final_folder, scratch):
             text = json.dumps(self.summary, indent=2, allow_nan=False) + "\n"
             (scratch / "walk-comparison.json").write_text(text, "utf-8")
+            write_run_page(scratch, " against ".join(self.conditions), self.format_summary(), {})
         return final_folder
 
 

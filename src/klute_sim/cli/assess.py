@@ -50,7 +50,7 @@ def command(
     Each gait is compared with the person's own ankle: peak moment, peak power, net work, range, load, toe clearance and
     supply pressure. The limits are assumed and listed on the page.
 
-    Writes assessment.html (tables, figures and a sentence for each shortfall) and assessment.json.
+    Writes index.html (tables, figures and a sentence for each shortfall) and assessment.json.
 
     \b
     Examples:

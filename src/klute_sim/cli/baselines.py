@@ -53,7 +53,7 @@ def command(
     measured there. For the other conditions we assume that thigh angle, shank angle and ground reaction stay the same
     in space, and that their time scales with the speed.
 
-    Writes baselines.json, table.json and one file per run.
+    Writes index.html, figure.png, baselines.json, table.json and one file per run.
 
     \b
     Examples:
@@ -83,4 +83,4 @@ def command(
         return
     console = stdout_console()
     print_summary(console, result.format_summary())
-    console.print(f"Folder: {result.folder}", soft_wrap=True)
+    console.print(f"Folder: {result.folder}  (index.html, figure.png, table.json)", soft_wrap=True)

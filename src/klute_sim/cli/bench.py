@@ -47,8 +47,8 @@ def command(
     'klute-sim bench joint', 'bench mass' and 'bench knee' test a device on a joint or with a free load instead; see
     'klute-sim bench joint --help'.
 
-    Writes summary.json, results.csv (one row per trial), figure.png, protocol.toml, device.toml and one Parquet file
-    per trial, which a dataset for klute-sim diagnose can contain.
+    Writes summary.json, results.csv (one row per trial), index.html, figure.png, protocol.toml, device.toml and one
+    Parquet file per trial, which a dataset for klute-sim diagnose can contain.
 
     \b
     Examples:
@@ -93,7 +93,8 @@ def command(
     print_summary(console, run.format_summary())
     n_files = len(run.recordings)
     console.print(
-        f"Run folder: {folder}  (figure.png, results.csv, summary.json, {n_files} Parquet files)", soft_wrap=True
+        f"Run folder: {folder}  (index.html, figure.png, results.csv, summary.json, {n_files} Parquet files)",
+        soft_wrap=True,
     )
 
 

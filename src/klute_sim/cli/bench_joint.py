@@ -93,8 +93,8 @@ def command(
     every tendon (default: klute-3-4-pair). Antagonists get a mean pressure plus and minus a difference. The frame is
     moved until the muscles fit; dimensions, masses and stops of the models are assumed.
 
-    Writes summary.json, results.csv (one row per trial), figure.png, model.xml, one device file per tendon and one
-    Parquet file per trial.
+    Writes summary.json, results.csv (one row per trial), index.html, figure.png, model.xml, one device file per
+    tendon and one Parquet file per trial.
 
     \b
     Examples:
@@ -150,7 +150,7 @@ def command(
     console = stdout_console()
     print_summary(console, run.format_summary())
     console.print(
-        f"Run folder: {folder}  (figure.png, results.csv, model.xml, {len(run.recordings)} Parquet files)",
+        f"Run folder: {folder}  (index.html, figure.png, results.csv, model.xml, {len(run.recordings)} Parquet files)",
         soft_wrap=True,
     )
 

@@ -71,7 +71,7 @@ def command(
     computed over strides, or, with --over time, over repeats. Bias, rms and largest difference are those of each series
     minus the baseline, in the unit of the channel.
 
-    Writes comparison.json, comparison.csv (one row per channel), bands.parquet (the curves), comparison.html, one PNG
+    Writes comparison.json, comparison.csv (one row per channel), bands.parquet (the curves), index.html, one PNG
     file per trial and, with the optional extra 'rerun', comparison.rrd.
 
     \b

@@ -93,8 +93,9 @@ def command(out: Path | None, as_json: bool, **options: Any) -> None:
     evaluates the demand of a stride, and varies each assumption separately; the values that you specify are not varied.
     "By rule" means: the fewest actuators that are strong enough, then the least gas.
 
-    Writes device.toml (for klute-sim device and klute-sim gait --device), summary.json, figure.png and, for a subject,
-    profile.csv (for klute-sim gait --controller), the tuned pressure profile scaled to the same force per body mass.
+    Writes device.toml (for klute-sim device and klute-sim gait --device), summary.json, index.html, figure.png and,
+    for a subject, profile.csv (for klute-sim gait --controller), the tuned pressure profile scaled to the same
+    force per body mass.
 
     \b
     Examples:

@@ -94,7 +94,7 @@ def command(
     data), insufficient-data. Numbers of the device that may be wrong compete with the effects. The exit code is 0 for
     every verdict; 2 means that the input was not valid.
 
-    Writes verdict.json, device.toml (the device with the identified effects), report.html, figures and, with the
+    Writes verdict.json, device.toml (the device with the identified effects), index.html, figures and, with the
     optional extra 'rerun', a recording.
 
     \b

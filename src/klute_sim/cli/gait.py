@@ -90,8 +90,8 @@ def command(
     its passive parts and the ground move the ankle: ankle angle, net moment, power, work and centre of pressure are
     predictions.
 
-    Writes recording.parquet, summary.json, report.png, device.toml (not with --spring-foot) and, with the optional
-    extra 'rerun', recording.rrd.
+    Writes recording.parquet, summary.json, index.html, figure.png, device.toml (not with --spring-foot) and, with
+    the optional extra 'rerun', recording.rrd.
 
     \b
     Examples:

@@ -45,7 +45,7 @@ def command(
     (the page is missing, or the data of the experiment are not printed). The first line counts the independent numbers;
     claims in words, round trips (a constant put into a law and recovered) and inputs of the model are counted apart.
 
-    Writes report.html, every figure with the axes of the source, items.json and device.toml.
+    Writes index.html, every figure with the axes of the source, items.json and device.toml.
 
     \b
     Examples:
@@ -79,4 +79,4 @@ def command(
     console = stdout_console()
     print_summary(console, result.format_summary(all_items=all_items))
     hint = "" if all_items else " (--items prints them)"
-    console.print(f"{len(result.assessments)} items{hint}; notes and figures: {folder}/report.html", soft_wrap=True)
+    console.print(f"{len(result.assessments)} items{hint}; notes and figures: {folder}/index.html", soft_wrap=True)

@@ -253,8 +253,8 @@ def command(
     reason. Finished cases are stored at once: after an interrupt, the same command with the same --out resumes the
     sweep.
 
-    Writes sweep.parquet (one row per combination, columns 'name [unit]'), sweep.json (the plan with the device files)
-    and one file per case.
+    Writes sweep.parquet (one row per combination, columns 'name [unit]'), index.html with figure.png, sweep.json (the
+    plan with the device files) and one file per case.
 
     \b
     Examples:
@@ -335,5 +335,5 @@ def command(
         return
     console = stdout_console()
     print_summary(console, result.format_summary())
-    files = sorted(file.name for file in result.folder.glob("sweep.*"))
+    files = ["index.html", *sorted(file.name for file in result.folder.glob("sweep.*"))]
     console.print(f"Sweep folder: {result.folder}  ({', '.join(files)})", soft_wrap=True)

@@ -80,8 +80,8 @@ def command(
     The subject, such as --reference, replaces that of the configuration; its domain randomisation stays. The person of
     --env walk is always the same: of these options it takes --foot and --speed, the target.
 
-    Writes the configuration, the checkpoint, summary.json, learning_curve.png and policy.npz. The last contains plain
-    numbers, which klute_sim.controllers.policy evaluates with NumPy alone. Needs the optional extra 'rl'
+    Writes the configuration, the checkpoint, summary.json, index.html, figure.png and policy.npz. The last contains
+    plain numbers, which klute_sim.controllers.policy evaluates with NumPy alone. Needs the optional extra 'rl'
     (Stable-Baselines3; pip install '.[rl]' in the project folder).
 
     \b

@@ -184,8 +184,8 @@ def command(
     With --rig joint it tunes the PID controller, and optionally the devices, of a lever between two devices
     (klute_sim/AntagonistJoint-v0) for small errors of the angle and calm commands. It writes tuned.toml, the gains.
 
-    Writes tuned.csv (for gait --controller), device.toml if the device is tuned, tuning.png (tracking error over air),
-    a CSV file with one row per evaluation, tuning.json, and one file per evaluation. Needs the optional extra 'tune'.
+    Writes index.html with figure.png, tuned.csv (for gait --controller), device.toml if the device is tuned, a CSV file
+    with one row per evaluation, tuning.json, and one file per evaluation. Needs the optional extra 'tune'.
 
     \b
     Examples:

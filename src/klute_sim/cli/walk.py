@@ -116,8 +116,8 @@ def command(
     predictions. The reflexes come from a walker file, which was adapted to one prosthesis and controller. With another
     one the walk is acute: it shows what happens before the person adapts.
 
-    Writes recording.parquet, summary.json, report.png, walker.toml, with a device device.toml and, with the optional
-    extra 'rerun', recording.rrd.
+    Writes recording.parquet, summary.json, index.html, figure.png, walker.toml, with a device device.toml and, with
+    the optional extra 'rerun', recording.rrd.
 
     \b
     Examples:
@@ -245,8 +245,8 @@ def adapt_command(jobs: int | None, out: Path | None, as_json: bool, **adaptatio
     backward before; a fall costs more than any walk. The best walker is accepted if it walks three times as long on
     level ground.
 
-    Writes adapted.toml (for walk --walker), adaptation.json and costs.csv; the same command resumes an interrupted
-    search, also with more --evaluations. Needs the optional extra 'tune'.
+    Writes adapted.toml (for walk --walker), adaptation.json, costs.csv and index.html; the same command resumes an
+    interrupted search, also with more --evaluations. Needs the optional extra 'tune'.
 
     \b
     Examples:

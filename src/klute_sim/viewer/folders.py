@@ -69,8 +69,8 @@ FOLDER_KINDS = (
 )
 
 
-ASSESSMENT_PAGE = "assessment.html"
-"""Page of a folder of ``klute-sim assess``."""
+ASSESSMENT_FILE, PAGE_FILE = "assessment.json", "index.html"
+"""Results and page of a folder of ``klute-sim assess``."""
 
 
 def detect_folder_kind(folder: Path) -> FolderKind:
@@ -91,8 +91,8 @@ def detect_folder_kind(folder: Path) -> FolderKind:
             f"{folder} is a gait reference, which has no view; plot its strides with 'klute-sim compare {folder}', or "
             f"simulate a gait on it with 'klute-sim gait --reference {folder}'"
         )
-    if (folder / ASSESSMENT_PAGE).is_file():
-        raise InputError(f"{folder} is an assessment, which has no view; open {folder / ASSESSMENT_PAGE} in a browser")
+    if (folder / ASSESSMENT_FILE).is_file():
+        raise InputError(f"{folder} is an assessment, which has no view; open {folder / PAGE_FILE} in a browser")
     names = ", ".join(f"{kind.name} ({kind.marker_file})" for kind in FOLDER_KINDS)
     raise InputError(f"cannot view {folder}: it is not a folder of results; allowed: {names}")
 

@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping
 
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from klute_sim.constants import GRAVITY
 from klute_sim.recording.recording import Recording
-from klute_sim.report.style import COMPACT_STYLE, HUMAN_COLOUR, fix_tick_label_size
+from klute_sim.report.style import HUMAN_LINE, add_heading, get_series_colour, use_style
 
 MAX_CURVES = 5
 """Maximum number of prostheses in the figure; more are hard to tell from each other."""
@@ -21,17 +20,21 @@ def build_figure(recordings: Mapping[str, Recording]) -> Figure:
         for name, recording in list(recordings.items())[:MAX_CURVES]
     }
     mass = float(next(iter(recordings.values())).provenance["options"]["mass_kg"])
-    with matplotlib.rc_context({**COMPACT_STYLE, "text.parse_math": False}):
-        figure = Figure(figsize=(11, 7.5), layout="constrained")
-        axes = figure.subplots(2, 3)
-        _plot_channel(axes[0, 0], last_strides, "ankle_angle", 1.0, "ankle angle [deg], dorsiflexion up")
-        _plot_channel(axes[0, 1], last_strides, "ankle_moment", mass, "net ankle moment [N·m/kg]")
-        _plot_channel(axes[0, 2], last_strides, "ankle_power", mass, "net ankle power [W/kg]")
-        _plot_channel(axes[1, 0], last_strides, "grf_vertical", mass * GRAVITY, "vertical load [body weights]")
-        _plot_channel(axes[1, 1], last_strides, "grf_forward", mass * GRAVITY, "fore-aft load [body weights]")
-        _plot_channel(axes[1, 2], last_strides, "pressure", 1.0, "gauge pressure [bar]")
-        axes[0, 0].legend(fontsize=7, frameon=False)
-        fix_tick_label_size(figure)
+    weight = mass * GRAVITY
+    panels = (
+        ("ankle_angle", 1.0, "ankle angle [deg], dorsiflexion up"),
+        ("ankle_moment", mass, "net ankle moment [N·m/kg], plantarflexor up"),
+        ("ankle_power", mass, "net ankle power [W/kg], generation up"),
+        ("pressure", 1.0, "gauge pressure [bar]"),
+        ("grf_vertical", weight, "vertical ground reaction [body weights], tracked"),
+        ("grf_forward", weight, "fore-aft ground reaction [body weights], forward up"),
+    )
+    with use_style() as create_figure:
+        figure = create_figure(8.5)
+        axes = figure.subplots(3, 2)
+        for axis, (channel, scale, title) in zip(axes.flat, panels, strict=True):
+            _plot_channel(axis, last_strides, channel, scale, title)
+        add_heading(figure, "last stride", axes[0, 0], max_columns=3)
     return figure
 
 
@@ -39,10 +42,11 @@ def _plot_channel(axis: Axes, strides: Mapping[str, Recording], channel: str, sc
     first = next(iter(strides.values()))
     if f"reference_{channel}" in first:
         own = first[f"reference_{channel}"] / scale
-        axis.plot(first["gait_phase"], own, "--", color=HUMAN_COLOUR, linewidth=1.6, label="own ankle")
+        axis.plot(first["gait_phase"], own, label="own ankle", **HUMAN_LINE)
     for number, (name, stride) in enumerate(strides.items()):
-        axis.plot(stride["gait_phase"], stride[channel] / scale, color=f"C{number}", linewidth=1.1, label=name)
+        axis.plot(
+            stride["gait_phase"], stride[channel] / scale, color=get_series_colour(number), linewidth=1.1, label=name
+        )
     axis.set_title(title)
     axis.set_xlim(0, 100)
     axis.set_xlabel("gait cycle [%]")
-    axis.grid(alpha=0.25, linewidth=0.5)

@@ -12,16 +12,21 @@ from klute_sim.comparison.comparison import Comparison, ComparisonPart, Comparis
 from klute_sim.comparison.curve import MeanCurve
 from klute_sim.comparison.difference import Difference
 from klute_sim.report.comparison import text as words
-from klute_sim.report.style import STYLE
+from klute_sim.report.style import (
+    HUMAN_BAND_COLOUR,
+    MEASURED_COLOUR,
+    SERIES_COLOURS,
+    use_style,
+)
 from klute_sim.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DPI = 120
-BASELINE_COLOUR, HUMAN_COLOUR, HUMAN_BAND_COLOUR = "0.15", "0.45", "0.87"
-SERIES_COLOURS = ("#1f77b4", "#e6842a", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#17becf", "#e377c2")
+BASELINE_COLOUR, REFERENCE_COLOUR = MEASURED_COLOUR, "0.45"
+COLUMN_WIDTH_INCHES = 6.5
+"""Width of a figure with one column [inches]."""
 MAX_FIGURES = 6
 """Maximum number of trials with a figure: those with the largest differences."""
 MAX_CHANNELS_PER_FIGURE = 16
@@ -31,47 +36,45 @@ X_LABELS = {"phase": "gait cycle [%]", "time": "time [s]"}
 
 def build_figures(comparison: Comparison) -> Iterator[tuple[ComparisonPart, "Figure"]]:
     """Yield the parts with the largest differences, in their order, each with its figure."""
-    import matplotlib
-
     max_rms = {part.name: 0.0 for part in comparison.parts}
     for row in words.iter_rows(comparison):
         max_rms[row.part.name] = max(max_rms[row.part.name], row.relative_rms)
     selected = sorted(max_rms, key=lambda name: max_rms[name], reverse=True)[:MAX_FIGURES]
-    with matplotlib.rc_context(STYLE):
-        for part in comparison.parts:
-            if part.name in selected:
-                yield part, build_part_figure(part, comparison.domain)
+    for part in comparison.parts:
+        if part.name in selected:
+            yield part, build_part_figure(part, comparison.domain)
 
 
 def build_part_figure(part: ComparisonPart, domain: str) -> "Figure":
-    """Plot the curves and differences of ``part``; the caller sets the style."""
-    from matplotlib.figure import Figure
-
+    """Plot the curves of ``part`` and, in rows of their own, the differences from the baseline."""
     channels = _select_channels(part)
     columns = 1 if len(channels) == 1 else 2
     rows = -(-len(channels) // columns)
     heights = [2.0] if len(part.series) == 1 else [2.0, 1.0]
     n_panels = len(heights)
-    figure = Figure(figsize=(5.6 * columns + 0.4, 0.9 + (1.1 + sum(heights)) * 0.76 * rows), layout="constrained")
-    axes = figure.subplots(n_panels * rows, columns, sharex=True, squeeze=False, height_ratios=heights * rows)
-    for number, channel in enumerate(channels):
-        row, column = divmod(number, columns)
-        top, bottom = axes[n_panels * row, column], axes[n_panels * row + n_panels - 1, column]
-        _plot_curves(top, part, channel)
-        if n_panels > 1:
-            _plot_differences(bottom, part, channel)
-        bottom.set_xlabel(X_LABELS[domain] if row == rows - 1 or number + columns >= len(channels) else "")
-        bottom.tick_params(labelbottom=True)
-        note = words.CHANNEL_NOTES.get(channel, "") if domain == "phase" else ""
-        title = words.format_channel(part, channel)
-        top.set_title(f"{title} ({note})" if note else title)
-    for unused in range(len(channels), rows * columns):
-        for k in range(n_panels):
-            axes[n_panels * (unused // columns) + k, unused % columns].set_visible(False)
-    axes[0, 0].set_xlim(part.axis[0], part.axis[-1])
-    handles, labels = _build_legend(part, domain)
-    figure.legend(handles, labels, loc="outside upper center", ncols=min(4, len(labels)), title=part.name or None)
-    figure.align_ylabels()
+    size = {"width": COLUMN_WIDTH_INCHES} if columns == 1 else {}
+    with use_style() as create_figure:
+        figure = create_figure(0.9 + (1.1 + sum(heights)) * 0.8 * rows, **size)
+        axes = figure.subplots(n_panels * rows, columns, sharex=True, squeeze=False, height_ratios=heights * rows)
+        for number, channel in enumerate(channels):
+            row, column = divmod(number, columns)
+            top, bottom = axes[n_panels * row, column], axes[n_panels * row + n_panels - 1, column]
+            _plot_curves(top, part, channel)
+            if n_panels > 1:
+                _plot_differences(bottom, part, channel)
+            bottom.set_xlabel(X_LABELS[domain] if row == rows - 1 or number + columns >= len(channels) else "")
+            bottom.tick_params(labelbottom=True)
+            note = words.CHANNEL_NOTES.get(channel, "") if domain == "phase" else ""
+            title = words.format_channel(part, channel)
+            top.set_title(f"{title}\n{note}" if note else title)
+        for unused in range(len(channels), rows * columns):
+            for k in range(n_panels):
+                axes[n_panels * (unused // columns) + k, unused % columns].set_visible(False)
+        axes[0, 0].set_xlim(part.axis[0], part.axis[-1])
+        handles, labels = _build_legend(part, domain)
+        ncols = min(3, len(labels))
+        figure.legend(handles, labels, loc="outside upper center", ncols=ncols, title=part.name or None)
+        figure.align_ylabels()
     return figure
 
 
@@ -93,9 +96,15 @@ def _build_line_styles(part: ComparisonPart) -> dict[str, dict[str, Any]]:
     colours = iter(SERIES_COLOURS * (1 + len(part.series) // len(SERIES_COLOURS)))
     for number, series in enumerate(part.series):
         if series.is_reference:
-            styles[series.label] = {"color": HUMAN_COLOUR, "linestyle": "--", "linewidth": 1.1}
+            styles[series.label] = {"color": REFERENCE_COLOUR, "linestyle": "--", "linewidth": 1.1}
         else:
-            styles[series.label] = {"color": BASELINE_COLOUR if number == 0 else next(colours), "linewidth": 1.4}
+            is_baseline = number == 0
+            # The baseline, often a measurement, is a thin line above the thick ones and stays visible where they agree.
+            styles[series.label] = {
+                "color": BASELINE_COLOUR if is_baseline else next(colours),
+                "linewidth": 0.9 if is_baseline else 1.7,
+                "zorder": 3.0 if is_baseline else 2.0,
+            }
     return styles
 
 
@@ -107,7 +116,6 @@ def _plot_curves(axis: "Axes", part: ComparisonPart, channel: str) -> None:
             curve, style = series.curves[channel], styles[series.label]
             _fill_band(axis, part.axis, curve, **_get_band_style(series, style))
             axis.plot(part.axis, curve.mean, **style)
-    axis.grid(alpha=0.25, linewidth=0.5)
 
 
 def _get_band_style(series: ComparisonSeries, line_style: dict[str, Any]) -> dict[str, Any]:
@@ -143,7 +151,6 @@ def _plot_differences(axis: "Axes", part: ComparisonPart, channel: str) -> None:
         largest = max(min_limit, *(abs(d.max_difference or 0.0) for d in part.differences[channel].values()))
         axis.set_ylim(-1.2 * largest, 1.2 * largest)
     axis.set_ylabel("difference")
-    axis.grid(alpha=0.25, linewidth=0.5)
 
 
 def _mask_regions(difference: Difference, x: Array) -> np.ndarray:

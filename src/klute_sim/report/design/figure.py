@@ -1,40 +1,38 @@
 """Figure of a design: force and orifices over velocity, and the demand of a stride."""
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from klute_sim.report.style import COMPACT_STYLE, HUMAN_COLOUR, PROSTHESIS_COLOUR, fix_tick_label_size
+from klute_sim.report.style import HUMAN_COLOUR, PROSTHESIS_COLOUR, ZERO_LINE_COLOUR, add_legend, use_style
 from klute_sim.sizing.evaluation.demand import StrideDemand
 from klute_sim.sizing.evaluation.velocity import compute_required_orifices
 from klute_sim.sizing.sizing import Design
 from klute_sim.units import BAR
 
+DESCRIPTION = (
+    "Force and orifice diameters over the velocity of the muscle-tendon unit and, for a person, the force and the "
+    "pressure that a stride demands beside what the device has."
+)
+"""Text that stands for the figure where it cannot be seen."""
+
 
 def build_figure(design: Design) -> Figure:
     """Plot force and orifice diameters of ``design`` over velocity and, for a gait, demand and supply over a stride."""
-    with matplotlib.rc_context(COMPACT_STYLE):
-        return _build_figure(design)
-
-
-def _build_figure(design: Design) -> Figure:
-    rows = 2 if design.demand else 1
-    figure = Figure(figsize=(11, 4.2 * rows), layout="constrained")
-    axes = figure.subplots(rows, 2, squeeze=False)
-    _plot_force_velocity(axes[0, 0], design)
-    _plot_orifice_diameters(axes[0, 1], design)
-    if design.demand:
-        _plot_force_demand(axes[1, 0], design.demand)
-        _plot_pressure_demand(axes[1, 1], design.demand, design.choices.supply_pressure)
-    for axis in axes.flat:
-        axis.grid(alpha=0.25, linewidth=0.5)
-    option = design.selected
-    figure.suptitle(
-        f"{design.device.name}: {option.count} × {option.actuator}, {1e3 * option.resting_length:.0f} mm, "
-        f"F0 {design.isometric_force:.0f} N at {design.choices.supply_pressure / BAR:g} bar"
-    )
-    fix_tick_label_size(figure)
+    demand, option = design.demand, design.selected
+    with use_style() as create_figure:
+        rows = 2 if demand else 1
+        figure = create_figure(0.4 + 3.7 * rows)
+        axes = figure.subplots(rows, 2, squeeze=False)
+        _plot_force_velocity(axes[0, 0], design)
+        _plot_orifice_diameters(axes[0, 1], design)
+        if demand:
+            _plot_force_demand(axes[1, 0], demand)
+            _plot_pressure_demand(axes[1, 1], demand, design.choices.supply_pressure)
+        figure.suptitle(
+            f"{design.device.name}: {option.count} × {option.actuator}, {1e3 * option.resting_length:.0f} mm, "
+            f"F0 {design.isometric_force:.0f} N at {design.choices.supply_pressure / BAR:g} bar"
+        )
     return figure
 
 
@@ -51,11 +49,11 @@ def _plot_force_velocity(axis: Axes, design: Design) -> None:
         linewidth=1.6,
         label="with fixed orifices",
     )
-    axis.axvline(0.0, color="0.6", linewidth=0.6)
-    axis.set_title("force over F0")
+    axis.axvline(0.0, color=ZERO_LINE_COLOUR, linewidth=0.6)
+    axis.set_title("force / F0")
     axis.set_xlabel("velocity [mm/s], shortening positive")
     axis.set_ylim(bottom=0.0)
-    _add_legend_below(axis)
+    add_legend(axis, max_columns=2)
 
 
 def _plot_orifice_diameters(axis: Axes, design: Design) -> None:
@@ -71,11 +69,11 @@ def _plot_orifice_diameters(axis: Axes, design: Design) -> None:
         (None, speed[0], design.damper.eccentric.orifice_diameter),
     ):
         axis.plot([0.0, end], [1e3 * orifice] * 2, color=PROSTHESIS_COLOUR, linewidth=1.6, label=label)
-    axis.axvline(0.0, color="0.6", linewidth=0.6)
+    axis.axvline(0.0, color=ZERO_LINE_COLOUR, linewidth=0.6)
     axis.set_title("orifice diameter [mm]")
     axis.set_xlabel("velocity [mm/s], shortening positive")
     axis.set_ylim(bottom=0.0)
-    _add_legend_below(axis)
+    add_legend(axis, max_columns=2)
 
 
 def _plot_force_demand(axis: Axes, demand: StrideDemand) -> None:
@@ -101,15 +99,11 @@ def _plot_pressure_demand(axis: Axes, demand: StrideDemand, supply_pressure: flo
     ratio_axis.plot(phase, demand.length_ratio, color="#2ca02c", linewidth=1.0)
     ratio_axis.set_ylabel("muscle length / L0", color="#2ca02c")
     ratio_axis.spines["right"].set_visible(True)
+    ratio_axis.grid(visible=False)
 
 
 def _format_gait_cycle_axis(axis: Axes) -> None:
     axis.set_xlim(0, 100)
     axis.set_ylim(bottom=0.0)
     axis.set_xlabel("gait cycle [%]")
-    _add_legend_below(axis)
-
-
-def _add_legend_below(axis: Axes) -> None:
-    """Add a legend below the axis, where it covers no curve."""
-    axis.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
+    add_legend(axis, max_columns=2)

@@ -15,43 +15,36 @@ from klute_sim.diagnosis.selection.forward_selection import SelectionStep
 from klute_sim.report.diagnosis import text as words
 from klute_sim.report.diagnosis.localization_figure import CASE_COLOURS, build_localization_figure
 from klute_sim.report.diagnosis.traces import SimulatedTrial, simulate_shown_trials
-from klute_sim.report.style import use_style
+from klute_sim.report.style import MEASURED_COLOUR, add_heading, save_figure, use_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MEASURED_COLOUR, NOISE_COLOUR, NOMINAL_COLOUR, THRESHOLD_COLOUR = "0.15", "0.85", "0.65", "#d62728"
+NOISE_COLOUR, NOMINAL_COLOUR, THRESHOLD_COLOUR = "0.85", "0.65", "#d62728"
 BEFORE_COLOUR, AFTER_COLOUR = CASE_COLOURS["before"], CASE_COLOURS["after"]
 PREDICTED_COLOUR, REFITTED_COLOUR = "#c6dbef", "#8c8c8c"
-DPI = 120
+MAX_GAP_COLUMNS = 2
+"""Maximum number of panels side by side in the figure of the gaps."""
 MAX_BARS_PER_STEP = 10
 """Number of candidates shown for each step, in addition to those that were refitted."""
 
 
 def build_overlay_figure(diagnosis: Diagnosis, simulated: SimulatedTrial) -> "Figure":
     """Plot each channel of a trial as measured and as ``simulated`` before and after, with the residuals below."""
-    from matplotlib.patches import Patch
-
     channels = [c for c, series in simulated.experiment.measured.items() if len(series.time)]
     with use_style() as create_figure:
-        figure = create_figure(10.0, 0.7 + 3.2 * len(channels))
+        figure = create_figure(0.9 + 3.2 * len(channels))
         axes = figure.subplots(
             2 * len(channels), 1, sharex=True, squeeze=False, height_ratios=[2.0, 1.1] * len(channels)
         )[:, 0]
         for index, channel in enumerate(channels):
             _plot_comparison(axes[2 * index], axes[2 * index + 1], diagnosis, simulated, channel)
-        band = Patch(
-            color=NOISE_COLOUR,
-            label="±1 sd of the noise" if diagnosis.has_repeats else "±1 sd of the residuals that count as noise",
-        )
-        handles = [*axes[0].get_legend_handles_labels()[0], band]
-        axes[0].legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
         axes[-1].set_xlabel("time from the start of the trial [s]")
         axes[-1].set_xlim(0.0, simulated.experiment.duration)
         figure.align_ylabels()
         use = "test trial" if diagnosis.evaluated_on == "test" else "fitted trial; there are no usable test trials"
-        figure.suptitle(f"trial '{simulated.experiment.name}' ({use})")
+        add_heading(figure, f"trial '{simulated.experiment.name}' ({use})", axes[0])
     return figure
 
 
@@ -65,7 +58,9 @@ def _plot_comparison(
         lines.append(("with effects added", simulated.after[channel], AFTER_COLOUR, 1.6))
     if channel in diagnosis.noise:
         deviation = diagnosis.noise[channel].std * simulated.experiment.noise_scale.get(channel, np.ones(len(time)))
-        above.fill_between(time, (value - deviation) / si, (value + deviation) / si, color=NOISE_COLOUR, linewidth=0.0)
+        label = "±1 sd of the noise" if diagnosis.has_repeats else "±1 sd of the residuals that count as noise"
+        low, high = (value - deviation) / si, (value + deviation) / si
+        above.fill_between(time, low, high, color=NOISE_COLOUR, linewidth=0.0, label=label)
         below.fill_between(time, -deviation / si, deviation / si, color=NOISE_COLOUR, linewidth=0.0)
     above.plot(time, value / si, color=MEASURED_COLOUR, linewidth=0.6, label="measured", zorder=3.0)
     for label, simulation, colour, width in lines:
@@ -73,8 +68,6 @@ def _plot_comparison(
         below.plot(time, (value - simulation) / si, color=colour, linewidth=0.7)
     above.set_ylabel(f"{words.humanize_identifier(channel)}\n[{unit}]")
     below.set_ylabel(f"measured -\nsimulated [{unit}]")
-    for axis in (above, below):
-        axis.grid(alpha=0.25, linewidth=0.5)
 
 
 def build_gap_figure(diagnosis: Diagnosis) -> "Figure":
@@ -83,9 +76,13 @@ def build_gap_figure(diagnosis: Diagnosis) -> "Figure":
 
     white = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
     with use_style() as create_figure:
-        figure = create_figure(max(6.0, 3.6 * len(diagnosis.channel_rms)), 2.6)
-        axes = figure.subplots(1, len(diagnosis.channel_rms), squeeze=False)[0]
-        for axis, (channel, gap) in zip(axes, diagnosis.channel_rms.items(), strict=True):
+        columns = min(MAX_GAP_COLUMNS, len(diagnosis.channel_rms))
+        rows = -(-len(diagnosis.channel_rms) // columns)
+        figure = create_figure(0.4 + 2.2 * rows)
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
+        for unused in axes[len(diagnosis.channel_rms) :]:
+            unused.set_axis_off()
+        for number, (axis, (channel, gap)) in enumerate(zip(axes, diagnosis.channel_rms.items(), strict=False)):
             unit, si = CHANNEL_UNITS[channel]
             bars = [
                 ("nominal device", gap.nominal, NOMINAL_COLOUR),
@@ -103,7 +100,6 @@ def build_gap_figure(diagnosis: Diagnosis) -> "Figure":
                 container,
                 labels=[words.format_number(v / si, 3) for _, v, _ in bars],
                 padding=3,
-                fontsize=8,
                 bbox=white,
             )
             axis.margins(x=0.2)
@@ -111,7 +107,8 @@ def build_gap_figure(diagnosis: Diagnosis) -> "Figure":
             axis.xaxis.set_major_locator(MaxNLocator(5))
             axis.set_xlabel(f"rms, measured - simulated [{unit}]")
             axis.set_title(words.humanize_identifier(channel))
-            if axis is not axes[0]:
+            axis.grid(visible=False, axis="y")
+            if number % columns:
                 axis.tick_params(labelleft=False)
         figure.suptitle("on test trials" if diagnosis.evaluated_on == "test" else "on the fitted trials")
     return figure
@@ -168,7 +165,7 @@ def build_ranking_figure(diagnosis: Diagnosis) -> "Figure":
     steps = [(step, rank_candidates(diagnosis, step)) for step in diagnosis.selection_history]
     shown = [[b for k, b in enumerate(bars) if b.bic_drop is not None or k < MAX_BARS_PER_STEP] for _, bars in steps]
     with use_style() as create_figure:
-        figure = create_figure(9.0, 0.6 + sum(1.2 + 0.27 * len(bars) for bars in shown))
+        figure = create_figure(0.6 + sum(1.2 + 0.27 * len(bars) for bars in shown))
         ratios = [1.2 + 0.27 * len(bars) for bars in shown]
         axes = figure.subplots(len(steps), 1, squeeze=False, sharex=True, height_ratios=ratios)[:, 0]
         highest = max((max(b.predicted_drop, b.bic_drop or 0.0) for bars in shown for b in bars), default=1.0)
@@ -177,14 +174,12 @@ def build_ranking_figure(diagnosis: Diagnosis) -> "Figure":
             n_omitted = len(all_bars) - len(bars)
             omitted = f"; {n_omitted} candidates with smaller predictions omitted" if n_omitted else ""
             added = f"{words.format_term(step.added_term)} is added: " if step.added_term else "nothing is added: "
-            axis.set_title(
-                f"step {number}: {added}{_shorten(words.humanize_text(step.reason))}{omitted}", loc="left", fontsize=9
-            )
+            axis.set_title(f"step {number}: {added}{_shorten(words.humanize_text(step.reason))}{omitted}", loc="left")
         axes[0].set_xscale("log")
         axes[0].set_xlim(1.0, 6.0 * max(highest, 10.0))
         axes[0].xaxis.set_major_locator(LogLocator(numticks=12))
         axes[-1].set_xlabel("drop of chi squared (predicted) and of BIC (refitted), logarithmic")
-        figure.legend(handles=handles, loc="outside lower center", ncols=4)
+        figure.legend(handles=handles, loc="outside upper center", ncols=4)
     return figure
 
 
@@ -200,17 +195,17 @@ def _plot_ranking(axis: "Axes", bars: list[RankingBar], threshold: float) -> Non
             text += "" if bar.converged else " (stopped early)"
         end = max(bar.predicted_drop, bar.bic_drop or 1.0, 1.0)
         axis.text(
-            1.06 * end, position, text, va="center", fontsize=7.5, color="0.3" if bar.bic_drop is not None else "0.6"
+            1.06 * end, position, text, va="center", fontsize=8.5, color="0.3" if bar.bic_drop is not None else "0.45"
         )
     axis.axvline(threshold, color=THRESHOLD_COLOUR, linewidth=0.9, linestyle="--")
     axis.set_yticks(range(len(bars)), [bar.name for bar in bars])
     for label, bar in zip(axis.get_yticklabels(), bars, strict=True):
         label.set_fontweight("bold" if bar.accepted else "normal")
     axis.set_ylim(len(bars) - 0.4, -0.6)
-    axis.grid(axis="x", alpha=0.25, linewidth=0.5)
+    axis.grid(visible=False, axis="y")
 
 
-def _shorten(text: str, max_length: int = 110) -> str:
+def _shorten(text: str, max_length: int = 90) -> str:
     return text if len(text) <= max_length else f"{text[:max_length].rstrip()} …"
 
 
@@ -233,5 +228,5 @@ def save_figures(diagnosis: Diagnosis, folder: Path) -> list[Path]:
     paths = []
     for name, figure in build_figures(diagnosis):
         paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], dpi=DPI)
+        save_figure(figure, paths[-1])
     return paths

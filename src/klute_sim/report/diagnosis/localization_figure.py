@@ -8,7 +8,7 @@ import numpy as np
 from klute_sim.diagnosis.experiments.base import Experiment, PrescribedInput
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.report.diagnosis import text as words
-from klute_sim.report.style import use_style
+from klute_sim.report.style import add_legend, use_style
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
@@ -74,7 +74,7 @@ def build_localization_figure(diagnosis: Diagnosis) -> "Figure":
     regions = {region.channel: region for region in diagnosis.misfit_regions}
     cases = [("before", "refitted")] + ([("after", "with effects added")] if diagnosis.added_terms else [])
     with use_style() as create_figure:
-        figure = create_figure(13.0 if diagnosis.added_terms else 10.5, 0.7 + 2.9 * len(regions))
+        figure = create_figure(0.4 + 5.4 * len(regions))
         rows = figure.subfigures(len(regions), 1, squeeze=False)[:, 0]
         for row, (channel, region) in zip(rows, regions.items(), strict=True):
             residuals = collect_residuals(diagnosis, channel)
@@ -83,13 +83,13 @@ def build_localization_figure(diagnosis: Diagnosis) -> "Figure":
             )
             if diagnosis.verdict != "nothing-missing":  # otherwise the misfit is noise
                 title += f"; {region.region or 'everywhere'}: {100.0 * region.fraction:.0f} % of all channels' misfit"
-            row.suptitle(title, fontsize=10, fontweight="bold")
-            axes = row.subplots(1, len(cases) + 2, squeeze=False)[0]
-            axes[-1].sharey(axes[-2])
+            row.suptitle(title, fontweight="bold")
+            above, below = row.subfigures(2, 1)
+            maps, bars = above.subplots(1, len(cases), squeeze=False)[0], below.subplots(1, 2, sharey=True)
             prescribed_input = next(e for e in diagnosis.experiments if channel in e.measured).prescribed_input
-            _plot_maps(row, axes[: len(cases)], residuals, prescribed_input, cases)
-            _plot_over_time(axes[-2], residuals, cases, has_repeats=diagnosis.has_repeats)
-            _plot_by_motion(axes[-1], residuals, prescribed_input, cases)
+            _plot_maps(above, maps, residuals, prescribed_input, cases)
+            _plot_over_time(bars[0], residuals, cases, has_repeats=diagnosis.has_repeats)
+            _plot_by_motion(bars[1], residuals, prescribed_input, cases)
     return figure
 
 
@@ -107,7 +107,7 @@ def _plot_maps(
         axis.set_ylabel("pressure command [bar]" if axis is axes[0] else "")
         axis.set_facecolor("0.94")
     bar = figure.colorbar(mesh, ax=list(axes), fraction=0.08, aspect=18)
-    bar.ax.set_title("rms / sd", fontsize=8)
+    bar.ax.set_title("rms / sd", fontsize="medium")
 
 
 def _compute_binned_rms(values: tuple[Array, ...], edges: list[Array], residual: Array) -> Array:
@@ -137,14 +137,7 @@ def _plot_over_time(
     axis.set_xlim(0.0, edges[-1])
     axis.set_xlabel("time from the start of the trial [s]")
     axis.set_ylabel("rms misfit / sd of the noise")
-    axis.legend(
-        ncols=len(cases) + 1,
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        borderaxespad=0.2,
-        columnspacing=0.9,
-        handlelength=1.2,
-    )
+    add_legend(axis, max_columns=2)
 
 
 def _plot_by_motion(

@@ -1,7 +1,5 @@
 """Page of a diagnosis: one self-contained HTML file that works offline."""
 
-import base64
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,9 +18,11 @@ from klute_sim.diagnosis.selection.forward_selection import MAX_EFFECTS
 from klute_sim.diagnosis.selection.sparse_regression import format_formula
 from klute_sim.effects import catalogue
 from klute_sim.provenance import collect_versions
+from klute_sim.recording.atomic_file import write_atomically
 from klute_sim.report.diagnosis import figures
 from klute_sim.report.diagnosis import text as words
 from klute_sim.report.html import render_template
+from klute_sim.report.run_page import PAGE_FILE, encode_picture, list_files
 
 AT_BOUND_NOTE = "at a bound"
 TEMPLATE = "diagnosis.html"
@@ -44,24 +44,20 @@ FIGURE_CAPTIONS = {
 }
 
 
-def write_page(diagnosis: Diagnosis, path: Path, rrd_file: str = "") -> None:
-    """Write the page of ``diagnosis`` to ``path``, with its figures embedded.
+def write_page(diagnosis: Diagnosis, folder: Path) -> None:
+    """Write the page of ``diagnosis`` into its ``folder``, with the figures of the folder embedded."""
+    files = {name: folder / f"{name}.png" for name in FIGURE_CAPTIONS}
+    images = {name: encode_picture(file) for name, file in files.items() if file.is_file()}
+    write_atomically(folder / PAGE_FILE, render_page(diagnosis, images, list_files(folder)))
 
-    The page links to ``rrd_file`` in the same folder, unless the name is empty.
+
+def render_page(diagnosis: Diagnosis, images: Mapping[str, str], files: Sequence[Mapping[str, str]] = ()) -> str:
+    """Return the page with ``images`` (name -> PNG in base 64) as HTML, in which names from the data are escaped.
+
+    ``files`` have a name and a description each.
     """
-    images = {}
-    for name, figure in figures.build_figures(diagnosis):
-        content = io.BytesIO()
-        figure.savefig(content, format="png", dpi=figures.DPI)
-        images[name] = base64.b64encode(content.getvalue()).decode("ascii")
-    path.write_text(render_page(diagnosis, images, rrd_file), "utf-8")
-
-
-def render_page(diagnosis: Diagnosis, images: Mapping[str, str], rrd_file: str = "") -> str:
-    """Return the page with ``images`` (name -> PNG in base 64) as HTML, in which names from the data are escaped."""
-    return render_template(
-        TEMPLATE, **build_page_context(diagnosis), images=images, captions=FIGURE_CAPTIONS, recording=rrd_file
-    )
+    context = build_page_context(diagnosis)
+    return render_template(TEMPLATE, **context, images=images, captions=FIGURE_CAPTIONS, files=files)
 
 
 def build_page_context(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from rich import box
 from rich.table import Table
 
 from klute_sim.recording.frequency_response import Correction, ResponseComparison
-from klute_sim.report.style import use_style
+from klute_sim.report.style import add_heading, use_style
 from klute_sim.types import Array
 
 CSV_HEADING = (
@@ -25,6 +25,8 @@ TABLE_HEADINGS = (
     *("measured\ndeg", "simulated\ndeg", "error\ndeg"),
 )
 """Headings of the table."""
+RESPONSE_DESCRIPTION = "Gain and phase over frequency: measured, simulated with a factor, and with lag and dead time."
+"""Text that stands for the figure where it cannot be seen."""
 
 
 def summarize_response(comparison: ResponseComparison) -> dict[str, Any]:
@@ -122,17 +124,16 @@ def build_response_figure(comparison: ResponseComparison) -> Figure:
         "with lag and dead time": (correction * comparison.simulated, "--"),
     }
     with use_style() as create_figure:
-        figure = create_figure(7.0, 5.5)
+        figure = create_figure(5.5, 7.0)
         gain, phase = figure.subplots(2, 1, sharex=True)
         for label, (response, style) in curves.items():
-            gain.semilogx(frequency, 20.0 * np.log10(np.abs(response)), style, label=label, markersize=4)
-            phase.semilogx(frequency, _unwrap_degrees(response), style, markersize=4)
+            look: dict[str, Any] = {"markersize": 4, "zorder": 3.0 if label == "measured" else 2.0}
+            gain.semilogx(frequency, 20.0 * np.log10(np.abs(response)), style, label=label, **look)
+            phase.semilogx(frequency, _unwrap_degrees(response), style, **look)
         gain.set_ylabel(f"gain [dB re 1 {measured.gain_unit}]" if measured.gain_unit != "1" else "gain [dB]")
         phase.set_ylabel("phase [deg] (negative: lag)")
         phase.set_xlabel("frequency [Hz]")
-        gain.legend()
-        for axis in figure.axes:
-            axis.grid(alpha=0.25, linewidth=0.5)
+        add_heading(figure, "frequency response", gain)
     return figure
 
 

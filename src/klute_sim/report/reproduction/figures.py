@@ -9,30 +9,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from klute_sim.report.style import STYLE
+from klute_sim.report.style import add_legend, get_series_colour, save_figure, use_style
 from klute_sim.reproduction.curves import FigureData, PlotLine
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LINE_STYLES: Any = {"line": "-", "dashed": "--", "dotted": ":", "points": "none"}
-DPI = 110
-MAX_CURVES_IN_AXES_LEGEND = 5
-"""Maximum number of curves for which the legend is inside the axes."""
+WIDTH_INCHES, HEIGHT_INCHES = 5.6, 4.4
 
 
 def build_figure(picture: FigureData) -> "Figure":
     """Plot ``picture`` as curves or as a surface."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(5.6, 4.0), layout="constrained")
+    with use_style() as create_figure:
+        figure = create_figure(HEIGHT_INCHES, WIDTH_INCHES)
         if picture.surface is not None:
             _plot_surface(figure, picture)
         else:
             _plot_curves(figure, picture)
-        figure.suptitle(f"Fig. {picture.number}: {picture.title}", fontsize=9.0)
+        figure.suptitle(f"Fig. {picture.number}: {picture.title}")
     return figure
 
 
@@ -47,12 +42,8 @@ def _plot_curves(figure: "Figure", picture: FigureData) -> None:
     if picture.y_range:
         axes.set_ylim(*picture.y_range)
     axes.axhline(0.0, color="0.7", linewidth=0.6)
-    axes.grid(alpha=0.25, linewidth=0.5)
-    named = [line for line in picture.lines if line.label]
-    if len(named) > MAX_CURVES_IN_AXES_LEGEND:
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    elif len(named) > 1:
-        axes.legend()
+    if sum(bool(line.label) for line in picture.lines) > 1:
+        add_legend(axes, max_columns=2)
 
 
 def _plot_curve(axes: Any, line: PlotLine) -> None:
@@ -60,7 +51,7 @@ def _plot_curve(axes: Any, line: PlotLine) -> None:
     if line.style == "points":
         style |= {"marker": "o", "markersize": 6.0, "clip_on": False}
     if line.colour_index is not None:
-        style["color"] = f"C{line.colour_index}"
+        style["color"] = get_series_colour(line.colour_index)
     axes.plot(line.x, line.y, **style)
 
 
@@ -79,5 +70,5 @@ def save_figures(pictures: tuple[FigureData, ...], folder: Path) -> Iterator[Pat
     """Write every figure into ``folder`` as ``fig-NUMBER.png``; yield the path of each after it is written."""
     for picture in pictures:
         path = folder / f"fig-{picture.number}.png"
-        build_figure(picture).savefig(path, dpi=DPI)
+        save_figure(build_figure(picture), path)
         yield path

@@ -1,13 +1,14 @@
 """Page that compares the model with the dissertation: one self-contained HTML file that works offline."""
 
-import base64
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from klute_sim.provenance import collect_versions
+from klute_sim.recording.atomic_file import write_atomically
 from klute_sim.report.diagnosis.text import format_number
 from klute_sim.report.html import render_template
+from klute_sim.report.run_page import PAGE_FILE, encode_picture, list_files
 from klute_sim.reproduction import printed
 from klute_sim.reproduction.item import KIND_MEANINGS, VERDICTS, ItemAssessment
 from klute_sim.reproduction.run import Reproduction
@@ -22,10 +23,11 @@ VERDICT_MEANINGS = {
 }
 
 
-def write_page(reproduction: Reproduction, pictures: Mapping[str, Path], path: Path) -> None:
-    """Write the page of ``reproduction`` to ``path``, with ``pictures`` (number -> path of a PNG file) embedded."""
-    images = {name: base64.b64encode(file.read_bytes()).decode("ascii") for name, file in pictures.items()}
-    path.write_text(render_template(TEMPLATE, **build_page_context(reproduction), images=images), "utf-8")
+def write_page(reproduction: Reproduction, pictures: Mapping[str, Path], folder: Path) -> None:
+    """Write the page of ``reproduction`` into ``folder``, with ``pictures`` (number -> path of a PNG file) embedded."""
+    images = {number: encode_picture(file) for number, file in pictures.items()}
+    content = render_template(TEMPLATE, **build_page_context(reproduction), images=images, files=list_files(folder))
+    write_atomically(folder / PAGE_FILE, content)
 
 
 def build_page_context(reproduction: Reproduction) -> dict[str, Any]:

@@ -2,20 +2,26 @@
 
 from collections.abc import Sequence
 
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from klute_sim.recording.recording import Recording
 from klute_sim.report.style import (
-    COMPACT_STYLE,
     EARLIER_COLOUR,
     HUMAN_COLOUR,
+    HUMAN_LINE,
     PROSTHESIS_COLOUR,
-    fix_tick_label_size,
+    add_heading,
+    add_legend,
+    use_style,
 )
 from klute_sim.types import Array
 
+DESCRIPTION = (
+    "Tracking error over air of all simulations with the Pareto front, and commanded pressure, ankle moment and power "
+    "over the gait cycle before and after tuning."
+)
+"""Text that stands for the figure where it cannot be seen."""
 PARETO_FRONT_COLOUR = "#d62728"
 
 
@@ -30,18 +36,16 @@ def build_figure(
 
     Points are (air per stride [g], tracking error [sd²]).
     """
-    with matplotlib.rc_context(COMPACT_STYLE):
-        figure = Figure(figsize=(11, 7.5), layout="constrained")
+    first, last = (_select_last_stride(recording) for recording in recordings)
+    mass = float(recordings[0].provenance["options"]["mass_kg"])
+    with use_style() as create_figure:
+        figure = create_figure(7.0)
         axes = figure.subplots(2, 2)
         _plot_pareto_front(axes[0, 0], evaluations, pareto_front, before, after)
-        first, last = (_select_last_stride(recording) for recording in recordings)
-        mass = float(recordings[0].provenance["options"]["mass_kg"])
-        _plot_curves(axes[0, 1], first, last, "pressure_command", 1.0, "commanded pressure [bar]")
-        _plot_curves(axes[1, 0], first, last, "ankle_moment", mass, "net ankle moment [N·m/kg]")
-        _plot_curves(axes[1, 1], first, last, "ankle_power", mass, "net ankle power [W/kg]")
-        for axis in axes.flat:
-            axis.grid(alpha=0.25, linewidth=0.5)
-        fix_tick_label_size(figure)
+        _plot_curves(axes[0, 1], first, last, "pressure_command", 1.0, "commanded gauge pressure [bar]")
+        _plot_curves(axes[1, 0], first, last, "ankle_moment", mass, "net ankle moment [N·m/kg], plantarflexor up")
+        _plot_curves(axes[1, 1], first, last, "ankle_power", mass, "net ankle power [W/kg], generation up")
+        add_heading(figure, "gait before and after tuning", axes[1, 0])
     return figure
 
 
@@ -64,18 +68,16 @@ def _plot_pareto_front(
     axis.plot(*after, "*", color=PROSTHESIS_COLOUR, markersize=12, label="tuned")
     axis.set_ylim(0.0, 2.0 * max(before[1], after[1]))
     axis.set_xlabel("air per stride [g]")
-    axis.set_ylabel("tracking error: summed squared distance to the human [sd²]")
-    axis.set_title("tracking error over air consumption")
-    axis.legend(fontsize=7, frameon=False)
+    axis.set_title("tracking error [sd²] over air: lower left is better")
+    add_legend(axis, max_columns=2)
 
 
 def _plot_curves(axis: Axes, before: Recording, after: Recording, channel: str, scale: float, label: str) -> None:
     phase: Array = before["gait_phase"]
     if f"reference_{channel}" in before:
-        axis.plot(phase, before[f"reference_{channel}"] / scale, "--", color=HUMAN_COLOUR, linewidth=1.0, label="human")
+        axis.plot(phase, before[f"reference_{channel}"] / scale, label="human", **HUMAN_LINE)
     axis.plot(phase, before[channel] / scale, color=EARLIER_COLOUR, linewidth=1.2, label="before")
     axis.plot(after["gait_phase"], after[channel] / scale, color=PROSTHESIS_COLOUR, linewidth=1.4, label="tuned")
     axis.set_xlim(0, 100)
     axis.set_xlabel("gait cycle [%]")
     axis.set_title(label)
-    axis.legend(fontsize=7, frameon=False)

@@ -1,0 +1,1 @@
+"""Report of sweeps and baselines: figure of the metrics of many runs."""
