@@ -1,7 +1,9 @@
 """How the site is made: ``python -m sphinx -W --keep-going -b html docs runs/site``."""
 
 import re
+import sys
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 from klute_sim import __version__
@@ -10,7 +12,12 @@ project = "klute-sim"
 author = "The klute-sim authors"
 project_copyright = author
 release = version = __version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+sys.path.insert(0, str(Path(__file__).parent))  # for the extension of this folder
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "formulas"]
+myst_enable_extensions = ["dollarmath"]
+html_math_renderer = "formulas"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_theme = "furo"
 html_title = f"klute-sim {release}"
 html_show_sphinx = False
