@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from klute_sim.report.style import EARLIER_COLOUR, PROSTHESIS_COLOUR, ZERO_LINE_COLOUR, add_legend, use_style
@@ -25,7 +26,7 @@ def build_figure(
 ) -> Figure:
     """Plot the ``costs`` of all evaluations, and the changes of ``outcomes`` and ``variables`` (before, tuned).
 
-    ``falls`` says in which evaluations somebody falls.
+    ``falls`` says in which evaluations somebody falls, or a simulation fails.
     """
     with use_style() as create_figure:
         figure = create_figure(3.4 + 0.3 * max(len(outcomes), len(variables)))
@@ -41,13 +42,15 @@ def build_figure(
 
 def _plot_costs(axis: Axes, costs: Array, is_fall: NDArray[np.bool_]) -> None:
     number, walked = np.arange(1, len(costs) + 1), ~is_fall
-    axis.plot(number[walked], costs[walked], ".", color=EARLIER_COLOUR, label="evaluations without a fall")
-    axis.plot(number[is_fall], costs[is_fall], "x", color=FALL_COLOUR, markersize=4, label="somebody falls")
+    axis.plot(number[walked], costs[walked], ".", color=EARLIER_COLOUR, label="evaluations")
+    if is_fall.any():
+        axis.plot(number[is_fall], costs[is_fall], "x", color=FALL_COLOUR, markersize=4, label="a simulation fails")
     axis.plot(
         number, np.minimum.accumulate(costs), color=PROSTHESIS_COLOUR, drawstyle="steps-post", label="best so far"
     )
     low, first = float(costs.min()), float(costs[0])
     axis.set_ylim(low - 0.1 * max(first - low, 0.1), first + 2.0 * max(first - low, 0.1))  # falls cost far more
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     axis.set_xlabel("evaluation")
     axis.set_title("objective [1], less is better")
     add_legend(axis)
