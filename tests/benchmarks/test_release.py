@@ -93,7 +93,22 @@ def test_truth_scores_full_marks_and_a_silent_method_does_not(
             {"verdict": "unexplained", "alternatives": "none"},
             "'alternatives' is 'none'; allowed: a list of lists of names",
         ),
-        ([], "'verdict' is []"),
+        ([], "is []; allowed: an object with 'verdict'"),
+        ({"verdict": "identified", "effects": [{"name": "bogus"}]}, "'bogus' is no name of this release"),
+        ({"verdict": "identified", "effects": [{"name": "ankle_friction"}]}, "'ankle_friction' is no name"),
+        ({"verdict": "identified", "effects": [{"name": "sensor_gain"}]}, "needs the channel of the instrument"),
+        (
+            {"verdict": "identified", "effects": [{"name": "number_error", "number": "radius"}]},
+            "needs the number as section.key",
+        ),
+        (
+            {"verdict": "identified", "effects": [{"name": "leak", "channel": "force"}]},
+            "belongs to the device and has no channel",
+        ),
+        (
+            {"verdict": "indistinguishable", "effects": [{"name": "leak"}], "alternatives": [["sensor_gain@length"]]},
+            "in 'alternatives', 'sensor_gain' needs the channel",
+        ),
     ],
 )
 def test_wrong_answer_is_refused_with_one_sentence(
@@ -108,7 +123,11 @@ def test_wrong_answer_is_refused_with_one_sentence(
 
 def test_missing_answer_and_missing_release_are_refused(frozen: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     folder, _ = frozen
-    assert "d0000.json is missing; every dataset needs an answer" in run_scorer(folder, tmp_path).stderr
+    (tmp_path / "d9999.json").write_text("{}")
+    messages = run_scorer(folder, tmp_path).stderr.splitlines()
+    assert len(messages) == 4  # each of them at once
+    assert "d0000.json is missing; every dataset needs an answer" in messages[0]
+    assert "d9999.json belongs to no dataset of this release" in messages[3]
     command = [sys.executable, str(folder / "score.pyz"), str(tmp_path), "--release", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2

@@ -31,12 +31,13 @@ from benchmarks.hidden_effects.plan import (
     JOINT_BLOCKS,
     plan_datasets,
 )
-from benchmarks.hidden_effects.release.scorer import SEALED_FILE, VERDICTS, seal
+from benchmarks.hidden_effects.release.scorer import NAMES_FILE, SEALED_FILE, VERDICTS, seal
 from benchmarks.hidden_effects.run import list_excluded
 from rich.progress import track
 
 from klute_sim.device.device import load_device
 from klute_sim.effects import catalogue
+from klute_sim.effects.effect import Effect
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
@@ -68,6 +69,8 @@ def freeze(folder: Path, blocks: Sequence[str], count: int | None, seed: int) ->
         if spec.get("deleted"):
             withheld[name] = sorted(list_excluded(spec["effects"]))
     (folder / SEALED_FILE).write_text(seal(truths), "ascii")
+    kinds = {effect.name: effect.kind for effect in select_effects()} | {"number_error": "number"}
+    (folder / NAMES_FILE).write_text(json.dumps(kinds, indent=1) + "\n", "utf-8")
     (folder / "withheld.json").write_text(json.dumps(withheld, indent=1) + "\n", "utf-8")
     write_devices(folder)
     write_scorer(folder / "score.pyz")
@@ -114,9 +117,18 @@ def write_scorer(path: Path) -> None:
         archive.writestr(zipfile.ZipInfo("__main__.py"), main)
 
 
+def select_effects() -> list[Effect]:
+    """Return the effects that a test bench can have: those of the device and of the instruments."""
+    return [effect for effect in catalogue.get_named_effects().values() if effect.kind in ("device", "instrument")]
+
+
 def list_effects() -> str:
-    """Return the names that an answer may use, as a Markdown list."""
-    return "\n".join(f"- `{effect.name}`: {effect.description}" for effect in catalogue.get_named_effects().values())
+    """Return the names that an answer may use, as Markdown lists of each kind."""
+    lines = ["Of the device:", ""]
+    lines += [f"- `{effect.name}`: {effect.description}" for effect in select_effects() if effect.kind == "device"]
+    lines += ["", "Faults of an instrument, each with its channel:", ""]
+    lines += [f"- `{effect.name}`: {effect.description}" for effect in select_effects() if effect.kind == "instrument"]
+    return "\n".join([*lines, "", "`number_error`: any number of the device file is wrong, uncertain or not."])
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """Score the answers of any method on a frozen release of the benchmark; needs nothing but Python.
 
     python score.pyz ANSWERS                 # in the folder of the release
-    python score.pyz ANSWERS --json          # machine-readable, with the outcome of every dataset
+    python score.pyz ANSWERS --json          # one JSON object with the lines and the outcome of every dataset
 
 ANSWERS is a folder with one file NAME.json for each folder datasets/NAME. DATA_CARD.md describes both.
 """
@@ -21,6 +21,7 @@ from benchmarks.hidden_effects.score import (
     NAMING_VERDICTS,
     WRONG_OUTCOMES,
     is_first_right,
+    is_out_of_catalogue,
     list_effect_sets,
     list_hidden_effects,
     score_verdict,
@@ -30,6 +31,12 @@ VERDICTS = ("nothing-missing", *sorted(NAMING_VERDICTS), *sorted(FLAGGED_VERDICT
 """Allowed values of ``verdict`` in an answer."""
 SEALED_FILE = "truths.sealed"
 """File of the release with the ground truths."""
+NAMES_FILE = "names.json"
+"""File of the release with the allowed names and their kinds."""
+CHANNELS = ("force", "pressure", "muscle_length")
+"""Channels whose instruments may have a fault."""
+UNKNOWN_TERMS = ("unknown_force", "unknown_tendon_force", "unknown_pressure")
+"""Names in alternatives that stand for an effect without a name."""
 Z_SCORE = 1.959964
 """Quantile of the 95 % interval."""
 
@@ -67,17 +74,21 @@ def unseal(text: str) -> dict[str, Any]:
     return truths
 
 
-def read_answer(path: Path) -> dict[str, Any]:
-    """Return the answer in ``path``; raises AnswerError, in one sentence, when it is not one."""
+def read_answer(path: Path, kinds: Mapping[str, str]) -> dict[str, Any]:
+    """Return the answer in ``path``; raises AnswerError, in one sentence, when it is not one.
+
+    ``kinds`` holds the kind of every allowed name.
+    """
     try:
         content = json.loads(path.read_text("utf-8"))
     except FileNotFoundError:
         raise AnswerError(f"{path} is missing; every dataset needs an answer") from None
     except (OSError, ValueError) as error:
         raise AnswerError(f"{path} is not JSON: {error}") from None
-    if not isinstance(content, dict) or content.get("verdict") not in VERDICTS:
-        verdict = content.get("verdict") if isinstance(content, dict) else content
-        raise AnswerError(f"{path}: 'verdict' is {verdict!r}; allowed: {', '.join(VERDICTS)}")
+    if not isinstance(content, dict):
+        raise AnswerError(f"{path} is {content!r}; allowed: an object with 'verdict', 'effects' and 'alternatives'")
+    if content.get("verdict") not in VERDICTS:
+        raise AnswerError(f"{path}: 'verdict' is {content.get('verdict')!r}; allowed: {', '.join(VERDICTS)}")
     effects = content.get("effects", [])
     if not isinstance(effects, list) or not all(
         isinstance(e, dict) and isinstance(e.get("name"), str) for e in effects
@@ -90,7 +101,29 @@ def read_answer(path: Path) -> dict[str, Any]:
         isinstance(names, list) and all(isinstance(name, str) for name in names) for names in alternatives
     ):
         raise AnswerError(f"{path}: 'alternatives' is {alternatives!r}; allowed: a list of lists of names")
+    for effect in effects:
+        fault = find_fault(effect["name"], effect.get("number") or effect.get("channel"), kinds)
+        if fault:
+            raise AnswerError(f"{path}: in 'effects', {fault}")
+    for name in (name for names in alternatives for name in names if name not in UNKNOWN_TERMS):
+        fault = find_fault(*name.split("@", 1), kinds=kinds) if "@" in name else find_fault(name, None, kinds)
+        if fault:
+            raise AnswerError(f"{path}: in 'alternatives', {fault}")
     return {**content, "effects": effects, "alternatives": alternatives}
+
+
+def find_fault(name: str, owner: Any, kinds: Mapping[str, str]) -> str:
+    """Return what is wrong with ``name`` of the channel or number ``owner``; '' if nothing is."""
+    kind = kinds.get(name)
+    if kind is None:
+        return f"'{name}' is no name of this release; DATA_CARD.md lists them"
+    if kind == "instrument" and owner not in CHANNELS:
+        return f"'{name}' needs the channel of the instrument; allowed: {', '.join(CHANNELS)}"
+    if kind == "number" and (not isinstance(owner, str) or owner.count(".") != 1):
+        return f"'{name}' needs the number as section.key of the device file, such as muscle.bladder_radius_mm"
+    if kind == "device" and owner is not None:
+        return f"'{name}' belongs to the device and has no channel or number"
+    return ""
 
 
 def score_answer(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> ScoredAnswer:
@@ -105,7 +138,7 @@ def score_answer(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any])
 
 
 def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
-    """Return the lines of the table; a line without datasets is left out."""
+    """Return the lines of the table, which are the same for all methods."""
 
     def count(
         name: str,
@@ -123,6 +156,9 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
     def is_right(a: ScoredAnswer) -> bool:
         return a.outcome == "right"
 
+    def is_best(a: ScoredAnswer) -> bool:
+        return a.outcome == ("flagged" if is_out_of_catalogue(a.truth) else "right")
+
     def is_wrong(a: ScoredAnswer) -> bool:
         return a.outcome in WRONG_OUTCOMES
 
@@ -130,7 +166,8 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
         return is_wrong(a) and a.answer["verdict"] != "indistinguishable"
 
     blocks = sorted({a.truth["block"] for a in answers})
-    rows = [
+    return [
+        count("the best answer, all datasets", blocks, is_best),
         count(
             "first name right, effect at least as large as the noise",
             ("single", "instrument"),
@@ -169,7 +206,6 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
         ),
         count("wrong names, all datasets", blocks, is_wrong, False),
     ]
-    return [row for row in rows if row.of]
 
 
 def compute_wilson_interval(count: int, of: int) -> tuple[float, float]:
@@ -184,16 +220,32 @@ def format_table(rows: Sequence[Row]) -> str:
     """Return the table as Markdown."""
     lines = ["| measure | value | 95 % interval | of | better |", "|---|---|---|---|---|"]
     for row in rows:
-        low, high = compute_wilson_interval(row.count, row.of)
         better = "higher" if row.higher_is_better else "lower"
+        if not row.of:
+            lines.append(f"| {row.name} | - | - | 0 | {better} |")
+            continue
+        low, high = compute_wilson_interval(row.count, row.of)
         interval = f"{100 * low:.1f} to {100 * high:.1f} %"
         lines.append(f"| {row.name} | {100 * row.count / row.of:.1f} % | {interval} | {row.of} | {better} |")
     return "\n".join(lines)
 
 
-def score_folder(truths: Mapping[str, Any], folder: Path) -> list[ScoredAnswer]:
-    """Return the scored answers in ``folder``; raises AnswerError when one is missing or wrong."""
-    return [score_answer(name, truth, read_answer(folder / f"{name}.json")) for name, truth in sorted(truths.items())]
+def score_folder(truths: Mapping[str, Any], kinds: Mapping[str, str], folder: Path) -> list[ScoredAnswer]:
+    """Return the scored answers in ``folder``; raises AnswerError with a line for each that is missing or wrong."""
+    scored, faults = [], []
+    for name, truth in sorted(truths.items()):
+        try:
+            scored.append(score_answer(name, truth, read_answer(folder / f"{name}.json", kinds)))
+        except AnswerError as error:
+            faults.append(str(error))
+    faults += [
+        f"{path} belongs to no dataset of this release; remove it"
+        for path in sorted(folder.glob("*.json"))
+        if path.stem not in truths
+    ]
+    if faults:
+        raise AnswerError("\n".join(faults))
+    return scored
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -203,16 +255,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--release", type=Path, default=Path("."), help="folder of the release  [default: the current folder]"
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
     options = parser.parse_args(arguments)
     try:
         sealed = (options.release / SEALED_FILE).read_text("ascii")
+        kinds = json.loads((options.release / NAMES_FILE).read_text("utf-8"))
     except OSError:
         parser.error(f"{options.release} has no {SEALED_FILE}; run this in the folder of the release, or use --release")
     try:
-        answers = score_folder(unseal(sealed), options.answers)
+        answers = score_folder(unseal(sealed), kinds, options.answers)
     except AnswerError as error:
-        parser.error(str(error))
+        print(error, file=sys.stderr)
+        return 2
     rows = compute_rows(answers)
     if options.json:
         outcomes = {a.name: a.outcome for a in answers}
