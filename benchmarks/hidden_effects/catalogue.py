@@ -171,6 +171,7 @@ EXACT_TWINS = {
     "discharge_loss": ("number_error",),
     "laminar_orifice": ("oil_temperature",),
     "oil_temperature": ("laminar_orifice",),
+    "pressure_delay": ("hose",),
     "tendon_slack": ("number_error",),
 }
 """Effect -> effects of the public catalogue with a form that contains it or equals it. An effect that is to be in no
@@ -179,8 +180,8 @@ catalogue is removed together with them.
 A seal that rubs in proportion to pressure is a braid that does. Seals of both muscles rub on a pulley as its bearing
 does, but for the stretch of the cables (they take 93 % of the squared error of prediction that the friction of the
 joint leaves). Oil a little colder than its transition speed allows for is laminar flow: their sensitivities have a
-cosine of 0.98, and no change of the rig splits them. An orifice that loses flow is a wrong bore or oil density, and
-slack is a wrong length of tendon or muscle."""
+cosine of 0.98, and no change of the rig splits them. An orifice that loses flow is a wrong bore or oil density, slack
+is a wrong length of tendon or muscle, and a wide hose delays the pressure by the time that sound takes."""
 KNOWN_VALVE: dict[str, Any] = {
     "name": "choked_valve",
     "form": "symmetric",
