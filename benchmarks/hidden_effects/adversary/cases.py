@@ -99,7 +99,7 @@ HIDDEN_CASES: tuple[HiddenCase, ...] = (
     ),
     HiddenCase("effects", "leak", {"leak_conductance": (0.15e-8, 0.3e-8)}, has_valve=True),
     HiddenCase("instruments", "sensor_drift", {"warm_up": (30.0, 50.0)}, channel="force"),
-    HiddenCase("effects", "supply_droop", {"tank_volume": (0.45e-3, 0.8e-3)}, has_valve=True),
+    HiddenCase("effects", "supply_droop", {"tank_volume": (0.25e-3, 0.35e-3)}, has_valve=True),
     HiddenCase("effects", "threshold_pressure", {"threshold": (0.5e5, 0.8e5)}),
     HiddenCase(
         "effects",
