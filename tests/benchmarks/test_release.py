@@ -94,7 +94,7 @@ def test_truth_scores_full_marks_and_a_silent_method_does_not(
             "'alternatives' is 'none'; allowed: a list of lists of names",
         ),
         ([], "is []; allowed: an object with 'verdict'"),
-        ({"verdict": "identified", "effects": [{"name": "bogus"}]}, "'bogus' is no name of this release"),
+        ({"verdict": "identified", "effects": [{"name": "bogus"}]}, "'bogus' is no name, or is withheld here"),
         ({"verdict": "identified", "effects": [{"name": "ankle_friction"}]}, "'ankle_friction' is no name"),
         ({"verdict": "identified", "effects": [{"name": "sensor_gain"}]}, "needs the channel of the instrument"),
         (

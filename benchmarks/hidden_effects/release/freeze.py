@@ -31,7 +31,7 @@ from benchmarks.hidden_effects.plan import (
     JOINT_BLOCKS,
     plan_datasets,
 )
-from benchmarks.hidden_effects.release.scorer import NAMES_FILE, SEALED_FILE, VERDICTS, seal
+from benchmarks.hidden_effects.release.scorer import NAMES_FILE, SEALED_FILE, VERDICTS, WITHHELD_FILE, seal
 from benchmarks.hidden_effects.run import list_excluded
 from rich.progress import track
 
@@ -71,7 +71,7 @@ def freeze(folder: Path, blocks: Sequence[str], count: int | None, seed: int) ->
     (folder / SEALED_FILE).write_text(seal(truths), "ascii")
     kinds = {effect.name: effect.kind for effect in select_effects()} | {"number_error": "number"}
     (folder / NAMES_FILE).write_text(json.dumps(kinds, indent=1) + "\n", "utf-8")
-    (folder / "withheld.json").write_text(json.dumps(withheld, indent=1) + "\n", "utf-8")
+    (folder / WITHHELD_FILE).write_text(json.dumps(withheld, indent=1) + "\n", "utf-8")
     write_devices(folder)
     write_scorer(folder / "score.pyz")
     shutil.copy(ROOT / "LICENSE", folder / "LICENSE")

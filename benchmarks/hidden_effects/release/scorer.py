@@ -33,6 +33,8 @@ SEALED_FILE = "truths.sealed"
 """File of the release with the ground truths."""
 NAMES_FILE = "names.json"
 """File of the release with the allowed names and their kinds."""
+WITHHELD_FILE = "withheld.json"
+"""File of the release with the names that are not allowed on some datasets."""
 CHANNELS = ("force", "pressure", "muscle_length")
 """Channels whose instruments may have a fault."""
 UNKNOWN_TERMS = ("unknown_force", "unknown_tendon_force", "unknown_pressure")
@@ -116,7 +118,7 @@ def find_fault(name: str, owner: Any, kinds: Mapping[str, str]) -> str:
     """Return what is wrong with ``name`` of the channel or number ``owner``; '' if nothing is."""
     kind = kinds.get(name)
     if kind is None:
-        return f"'{name}' is no name of this release; DATA_CARD.md lists them"
+        return f"'{name}' is no name, or is withheld here; see DATA_CARD.md and {WITHHELD_FILE}"
     if kind == "instrument" and owner not in CHANNELS:
         return f"'{name}' needs the channel of the instrument; allowed: {', '.join(CHANNELS)}"
     if kind == "number" and (not isinstance(owner, str) or owner.count(".") != 1):
@@ -157,7 +159,8 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
         return a.outcome == "right"
 
     def is_best(a: ScoredAnswer) -> bool:
-        return a.outcome == ("flagged" if is_out_of_catalogue(a.truth) else "right")
+        is_silent = a.answer["verdict"] == "insufficient-data"
+        return a.outcome == "flagged" and not is_silent if is_out_of_catalogue(a.truth) else a.outcome == "right"
 
     def is_wrong(a: ScoredAnswer) -> bool:
         return a.outcome in WRONG_OUTCOMES
@@ -179,7 +182,9 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
         count("exact set, three effects", ("triple",), is_right),
         count("an effect is named in clean data", ("clean",), is_wrong, False),
         count(
-            "outside the catalogue: flagged, or absorbed", ("outside",), lambda a: a.outcome in ("flagged", "absorbed")
+            "outside the catalogue: unexplained, or absorbed",
+            ("outside",),
+            lambda a: a.outcome in ("flagged", "absorbed") and a.answer["verdict"] != "insufficient-data",
         ),
         count("outside the catalogue, faint: a wrong name alone", ("faint_outside",), is_wrong_alone, False),
         count(
@@ -230,12 +235,18 @@ def format_table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def score_folder(truths: Mapping[str, Any], kinds: Mapping[str, str], folder: Path) -> list[ScoredAnswer]:
-    """Return the scored answers in ``folder``; raises AnswerError with a line for each that is missing or wrong."""
+def score_folder(
+    truths: Mapping[str, Any], kinds: Mapping[str, str], withheld: Mapping[str, Sequence[str]], folder: Path
+) -> list[ScoredAnswer]:
+    """Return the scored answers in ``folder``; raises AnswerError with a line for each that is missing or wrong.
+
+    ``kinds`` holds the kind of every name, and ``withheld`` the names that are not allowed on a dataset.
+    """
     scored, faults = [], []
     for name, truth in sorted(truths.items()):
         try:
-            scored.append(score_answer(name, truth, read_answer(folder / f"{name}.json", kinds)))
+            allowed = {effect: kind for effect, kind in kinds.items() if effect not in withheld.get(name, ())}
+            scored.append(score_answer(name, truth, read_answer(folder / f"{name}.json", allowed)))
         except AnswerError as error:
             faults.append(str(error))
     faults += [
@@ -259,11 +270,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         sealed = (options.release / SEALED_FILE).read_text("ascii")
-        kinds = json.loads((options.release / NAMES_FILE).read_text("utf-8"))
+        kinds, withheld = (
+            json.loads((options.release / name).read_text("utf-8")) for name in (NAMES_FILE, WITHHELD_FILE)
+        )
     except OSError:
         parser.error(f"{options.release} has no {SEALED_FILE}; run this in the folder of the release, or use --release")
     try:
-        answers = score_folder(unseal(sealed), kinds, options.answers)
+        answers = score_folder(unseal(sealed), kinds, withheld, options.answers)
     except AnswerError as error:
         print(error, file=sys.stderr)
         return 2
