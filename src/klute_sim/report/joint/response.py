@@ -57,17 +57,22 @@ def describe_response(comparison: ResponseComparison, unit: str) -> list[str]:
     meaning = (
         f"is {factor.gain:.3g} times the simulated one" if has_unit else f"has a scale of {factor.gain:.3g} {unit}/bar"
     )
-    late = (
-        f"{1e3 * correction.dead_time:.0f} ms of dead time"
-        if correction.dead_time >= 0.0
-        else f"{-1e3 * correction.dead_time:.0f} ms less dead time than the simulation has"
-    )
+    left = f"leave {correction.gain_error_db:.2f} dB and {correction.phase_error_deg:.1f} degrees"
+    if correction.dead_time >= 0.0:
+        advice = (
+            f"A first-order lag of {1e3 * correction.lag:.0f} ms and {1e3 * correction.dead_time:.0f} ms of dead time "
+            f"would {left}: the effects pressure_lag and pressure_delay of the device do that, if that is where they "
+            "are."
+        )
+    else:
+        advice = (
+            f"The simulation is later than the measurement, by {-1e3 * correction.dead_time:.0f} ms at best, which "
+            f"would {left}: no lag of the supply explains that; look at load, inertia and damping of the model."
+        )
     sentences = [
         f"The measured gain {meaning}; with this factor it differs by {factor.gain_error_db:.2f} dB rms and the phase "
         f"by {factor.phase_error_deg:.1f} degrees rms.",
-        f"A first-order lag of {1e3 * correction.lag:.0f} ms and {late} would leave {correction.gain_error_db:.2f} dB "
-        f"and {correction.phase_error_deg:.1f} degrees: the effects pressure_lag and pressure_delay of the device "
-        "do that, if that is where they are.",
+        advice,
     ]
     if comparison.coherence.min() < MIN_COHERENCE:
         sentences.append(
