@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -53,7 +54,9 @@ def test_signatures_contain_python_only(site: Path) -> None:
 @pytest.mark.slow
 def test_broken_link_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "index.md").write_text("# Here\n\n[there](there.md)\n", "utf-8")
-    (tmp_path / "conf.py").write_text((ROOT / "docs" / "conf.py").read_text("utf-8"), "utf-8")
+    for name in ("conf.py", "formulas.py"):
+        shutil.copy(ROOT / "docs" / name, tmp_path)
+    shutil.copytree(ROOT / "docs" / "static", tmp_path / "static")
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", str(tmp_path), str(tmp_path / "html")]
     completed = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "LC_ALL": "C"}, check=False)
     assert completed.returncode != 0
