@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from klute_sim.api.inputs import ControllerLike, DeviceLike, ignore_progress
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.api.sweep import explain_interrupt
 from klute_sim.api.walk import build_prosthesis
 from klute_sim.files.limits import RESULT
@@ -53,7 +53,7 @@ ACCEPTANCE_FACTOR = 3.0
 
 
 @dataclass(frozen=True, repr=False)
-class AdaptationResult:
+class AdaptationResult(Printable):
     """Result of an adaptation."""
 
     walker: Walker
@@ -90,13 +90,6 @@ class AdaptationResult:
         search_ = self.walker.search
         cost = f"cost {search_['cost']:.3g}"
         return f"AdaptationResult({search_['evaluations']} evaluations, {cost}, folder={str(self.folder)!r})"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
 
 def adapt_walker(

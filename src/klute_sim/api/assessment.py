@@ -11,7 +11,7 @@ from klute_sim.api.assessed_person import AssessedController, AssessedPerson, bu
 from klute_sim.api.baselines import select_baselines
 from klute_sim.api.gait import simulate_gait
 from klute_sim.api.inputs import ControllerLike, DeviceLike, stage_progress
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.baselines import assessment, table
 from klute_sim.baselines.library import Baseline
 from klute_sim.errors import InputError, SimulationError
@@ -30,7 +30,7 @@ SUMMARY_FILE = "assessment.json"
 
 
 @dataclass(frozen=True, repr=False)
-class Assessment:
+class Assessment(Printable):
     """Persons, the controllers that walked as each of them, and their shortfalls."""
 
     persons: tuple[AssessedPerson, ...]
@@ -62,13 +62,6 @@ class Assessment:
         """Return one line: number of persons, and how many are served."""
         n_served = sum(bool(person.serving) for person in self.persons)
         return f"Assessment({len(self.persons)} persons, {n_served} served)"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def plot(self, person: int = 0) -> "Figure":
         """Return the figure of the controllers with the fewest shortfalls over the own ankle of a ``person``.

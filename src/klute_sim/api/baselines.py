@@ -17,7 +17,7 @@ from klute_sim.api.inputs import (
     to_device,
 )
 from klute_sim.api.optional import import_pandas
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.api.sweep import explain_interrupt
 from klute_sim.baselines import table
 from klute_sim.baselines.library import Baseline, load_baselines
@@ -61,7 +61,7 @@ LEVEL_COLUMNS = (
 
 
 @dataclass(frozen=True, repr=False)
-class BaselineTable:
+class BaselineTable(Printable):
     """Metrics of the baselines in every walking condition."""
 
     runs: list[table.BaselineRun]
@@ -99,13 +99,6 @@ class BaselineTable:
         """Return one line: number of baselines and runs, and the folder."""
         n_baselines = len({run.baseline.name for run in self.runs})
         return f"BaselineTable({n_baselines} baselines, {len(self.runs)} runs, folder={str(self.folder)!r})"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return the rows as a DataFrame; raises MissingExtraError without pandas."""

@@ -1,26 +1,22 @@
 """Test a device on the simulated tensile tester: :func:`simulate_bench` and its result :class:`BenchRun`."""
 
-import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import DeviceLike, to_device
-from klute_sim.api.optional import import_pandas
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Summary
+from klute_sim.api.trial_run import TrialResult, TrialRun
 from klute_sim.bench.protocols.library import change_protocol, parse_protocol, read_protocol_bytes
 from klute_sim.bench.protocols.protocol import BenchProtocol
 from klute_sim.bench.run import BenchResult, run_protocol
 from klute_sim.device.device import Device
 from klute_sim.files.toml import format_toml
-from klute_sim.recording import parquet
-from klute_sim.recording.recording import Recording
-from klute_sim.recording.run_folder import create_run_folder
 from klute_sim.types import ProgressCallback
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
 DEFAULT_DEVICE = "klute-3-4-pair"
@@ -28,13 +24,19 @@ DEFAULT_DEVICE = "klute-3-4-pair"
 
 
 @dataclass(frozen=True, repr=False)
-class BenchRun:
+class BenchRun(TrialRun):
     """Result of a protocol on the simulated tensile tester: metrics and recording of every trial."""
 
     result: BenchResult
     """Trials with their conditions, metrics and recordings."""
     protocol_content: bytes
     """Content of the protocol file."""
+    folder_kind = "bench"
+
+    @property
+    def trials(self) -> Sequence[TrialResult]:
+        """Trials in order."""
+        return self.result.trials
 
     @property
     def device(self) -> Device:
@@ -46,31 +48,12 @@ class BenchRun:
         """Protocol of the run."""
         return self.result.protocol
 
-    @property
-    def table(self) -> list[dict[str, Any]]:
-        """One row per trial: its name, conditions and metrics, by keys with units."""
-        return [{"trial": trial.name, **trial.conditions, **trial.metrics} for trial in self.result.trials]
-
-    @property
-    def recordings(self) -> dict[str, Recording]:
-        """Recording of each trial, by the name of the trial."""
-        return {trial.name: trial.recording for trial in self.result.trials}
-
     @cached_property
     def summary(self) -> dict[str, Any]:
         """Content of summary.json without the names of the files."""
         from klute_sim.report.bench.table import summarize_bench_run
 
         return summarize_bench_run(self.result)
-
-    def to_pandas(self) -> "pd.DataFrame":
-        """Return :attr:`table` as a pandas DataFrame with the trials as index.
-
-        Raises MissingExtraError without pandas.
-        """
-        pandas = import_pandas("BenchRun.to_pandas")
-        frame: pd.DataFrame = pandas.DataFrame(self.table).set_index("trial")
-        return frame
 
     def format_summary(self) -> Summary:
         """Yield the table of the metrics, and the remarks on the run."""
@@ -83,54 +66,27 @@ class BenchRun:
         """Return one line: protocol, device and number of trials."""
         return f"BenchRun({self.protocol.name!r}, {self.device.name!r}, {len(self.result.trials)} trials)"
 
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
-
     def plot(self) -> "Figure":
         """Return the figure of the run, in the layout for its kind of test."""
         from klute_sim.report.bench.figure import build_figure
 
         return build_figure(self.result)
 
-    def save(self, folder: str | Path | None = None) -> Path:
-        """Write the files of ``klute-sim bench`` into ``folder`` (new or empty; default: the next ``runs/bench-NNN``).
+    @property
+    def title(self) -> str:
+        """Protocol and device."""
+        return f"{self.protocol.name}: {self.device.name}"
 
-        Returns the folder.
-        """
-        with create_run_folder("bench", folder) as (final_folder, scratch):
-            self.write_files(scratch, final_folder)
-        return final_folder
-
-    def write_files(
-        self, scratch: Path, folder: Path, progress: ProgressCallback = lambda fraction, stage: None
-    ) -> dict[str, Any]:
-        """Write all files into ``scratch``, which becomes ``folder``; return the content of summary.json."""
+    @property
+    def figure_description(self) -> str:
+        """What the figure of this kind of test shows."""
         from klute_sim.report.bench.figure import DESCRIPTIONS
-        from klute_sim.report.bench.table import format_results_csv
-        from klute_sim.report.run_page import FIGURE_FILE, PAGE_FILE, write_run_page
-        from klute_sim.report.style import save_figure
 
-        (scratch / "device.toml").write_bytes(self.device.content)
-        (scratch / "protocol.toml").write_bytes(self.protocol_content)
-        (scratch / "results.csv").write_text(format_results_csv(self.result), "utf-8")
-        for index, trial in enumerate(self.result.trials):
-            parquet.write_recording(trial.recording, scratch / f"{trial.name}.parquet")
-            progress(0.7 * index / len(self.result.trials), "writing")
-        save_figure(self.plot(), scratch / FIGURE_FILE)
-        files = [*sorted(file.name for file in scratch.iterdir()), PAGE_FILE, "summary.json"]
-        summary = {**self.summary, "run": str(folder), "files": files}
-        (scratch / "summary.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", "utf-8")
-        write_run_page(
-            scratch,
-            f"{self.protocol.name}: {self.device.name}",
-            self.format_summary(),
-            {FIGURE_FILE: DESCRIPTIONS[self.protocol.kind]},
-        )
-        return summary
+        return DESCRIPTIONS[self.protocol.kind]
+
+    def _write_inputs(self, folder: Path) -> None:
+        (folder / "device.toml").write_bytes(self.device.content)
+        (folder / "protocol.toml").write_bytes(self.protocol_content)
 
 
 def simulate_bench(

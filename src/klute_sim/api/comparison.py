@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 from klute_sim.api.inputs import stage_progress
 from klute_sim.api.optional import import_pandas
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.comparison import results
 from klute_sim.comparison.comparison import Comparison, ComparisonOptions, ComparisonPart, Domain
 from klute_sim.comparison.comparison import compare as compare_runs
@@ -51,7 +51,7 @@ RunLike: TypeAlias = str | Path | Recording | _SingleRun | _MultipleRun
 
 
 @dataclass(frozen=True, repr=False)
-class ComparisonResult:
+class ComparisonResult(Printable):
     """Differences of recordings from a baseline, channel by channel."""
 
     comparison: Comparison
@@ -80,13 +80,6 @@ class ComparisonResult:
         """Return one line: labels and axis."""
         labels = ", ".join(repr(series.label) for series in self.parts[0].series)
         return f"ComparisonResult({labels}, over {self.comparison.domain})"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def plot(self, part: str | None = None) -> "Figure":
         """Return the figure of the trial ``part``; None selects the first trial.

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.controllers.pressure import PressureProfile, profile_to_csv
 from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device
 from klute_sim.errors import InputError
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class DesignResult:
+class DesignResult(Printable):
     """A sized device, its performance, and its sensitivity to every assumption."""
 
     design: Design
@@ -86,13 +86,6 @@ class DesignResult:
         """Return one line: device and actuators."""
         selected = self.design.selected
         return f"DesignResult({self.device.name!r}, {selected.count} x {selected.actuator})"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def plot(self) -> "Figure":
         """Return the figure of the force-velocity curves, the orifices and the demand of a stride."""

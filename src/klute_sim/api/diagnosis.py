@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import DeviceLike, to_device
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
+from klute_sim.api.saved_plan import SavedPlan
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.dataset import Dataset
 from klute_sim.device.device import Device, check_accepts_pressure
@@ -58,7 +59,7 @@ class IdentifiedEffect:
 
 
 @dataclass(frozen=True, repr=False)
-class DiagnosisResult:
+class DiagnosisResult(Printable):
     """Result of :func:`diagnose`: the verdict, the added effects, and the device with these effects."""
 
     diagnosis: Diagnosis
@@ -123,13 +124,6 @@ class DiagnosisResult:
         """Return one line: verdict and added effects."""
         effects = ", ".join(str(term) for term in self.diagnosis.added_terms)
         return f"DiagnosisResult({self.verdict!r}{f', {effects}' if effects else ''})"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def plot(self) -> "Figure":
         """Return the figure of the residuals of each channel before and after.
@@ -253,7 +247,7 @@ def diagnose(
 
 
 @dataclass(frozen=True, repr=False)
-class MeasurementPlan:
+class MeasurementPlan(SavedPlan):
     """Plan of measurements on a tensile tester: identification protocols for a device, and instructions."""
 
     device: Device
@@ -296,32 +290,16 @@ class MeasurementPlan:
             use = row["use"] or "assigned later"
             table.add_row(row["name"], f"{row['duration_s']:.1f}", use, row["description"])
         yield table
-        if self.simulate:
-            yield "The recordings are simulated, not measured."
+        yield from self._describe_origin()
 
     def __repr__(self) -> str:
         """Return one line: device, number of protocols and repeats."""
         return f"MeasurementPlan({self.device.name!r}, {len(self.protocols)} protocols, {self.n_repeats} repeats)"
 
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
-
-    def save(self, folder: str | Path) -> Path:
-        """Write the files of ``klute-sim plan`` into ``folder`` (new or empty); return the folder."""
-        with create_run_folder("plan", folder) as (final_folder, scratch):
-            self.write_files(scratch)
-        return final_folder
-
-    def write_files(self, folder: Path) -> list[str]:
-        """Write all files into the existing ``folder``; return their names."""
+    def _write(self, folder: Path) -> None:
         measurement_plan.write_plan_files(
             self.device, self.protocols, self.programs, self.n_repeats, folder, simulate=self.simulate
         )
-        return sorted(file.name for file in folder.iterdir())
 
 
 def plan_measurements(

@@ -1,15 +1,14 @@
 """Devices on a joint, a free load or in another model: :func:`simulate_joint` and :func:`export_mjcf`."""
 
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import DeviceLike, ignore_progress, to_device
-from klute_sim.api.optional import import_pandas
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Summary
+from klute_sim.api.trial_run import TrialResult, TrialRun
 from klute_sim.errors import InputError, suggest
 from klute_sim.mechanism.export import format_mjcf
 from klute_sim.mechanism.mounting import mount_devices
@@ -18,20 +17,17 @@ from klute_sim.mechanism.run import JointTestResult, find_joint, run_joint_test
 from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.mjcf.model_file import load_model_file
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
-from klute_sim.recording import parquet
 from klute_sim.recording.frequency_response import (
     FrequencyResponse,
     ResponseComparison,
     compare_responses,
     read_frequency_response,
 )
-from klute_sim.recording.recording import Recording
 from klute_sim.recording.run_folder import create_run_folder
 from klute_sim.types import ProgressCallback
 from klute_sim.units import BAR
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
 DEFAULT_DEVICE = "klute-3-4-pair"
@@ -43,13 +39,19 @@ DEFAULT_MOMENT = -2.0
 
 
 @dataclass(frozen=True, repr=False)
-class JointRun:
+class JointRun(TrialRun):
     """Result of a test of a joint or a free load: metrics and recording of every trial."""
 
     result: JointTestResult
     """Trials with their conditions, metrics and recordings."""
     measured: FrequencyResponse | None = None
     """Measured frequency response that the sines are compared with."""
+    folder_kind = "joint"
+
+    @property
+    def trials(self) -> Sequence[TrialResult]:
+        """Trials in order."""
+        return self.result.trials
 
     @cached_property
     def comparison(self) -> ResponseComparison | None:
@@ -57,16 +59,6 @@ class JointRun:
         if self.measured is None:
             return None
         return compare_responses(self.measured, *self.result.compute_frequency_response())
-
-    @property
-    def table(self) -> list[dict[str, Any]]:
-        """One row per trial: its name, conditions and metrics, by keys with units."""
-        return [{"trial": trial.name, **trial.conditions, **trial.metrics} for trial in self.result.trials]
-
-    @property
-    def recordings(self) -> dict[str, Recording]:
-        """Recording of each trial, by the name of the trial."""
-        return {trial.name: trial.recording for trial in self.result.trials}
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -77,15 +69,6 @@ class JointRun:
         comparison = self.comparison
         response = {} if comparison is None else {"response": summarize_response(comparison)}
         return {**summarize_joint_test(self.result), **response}
-
-    def to_pandas(self) -> "pd.DataFrame":
-        """Return :attr:`table` as a pandas DataFrame with the trials as index.
-
-        Raises MissingExtraError without pandas.
-        """
-        pandas = import_pandas("JointRun.to_pandas")
-        frame: pd.DataFrame = pandas.DataFrame(self.table).set_index("trial")
-        return frame
 
     def format_summary(self) -> Summary:
         """Yield the table of the metrics, or of the measured and simulated response and what it says."""
@@ -102,13 +85,6 @@ class JointRun:
         """Return one line: test, model and number of trials."""
         return f"JointRun({self.result.test!r}, {self.result.file.name!r}, {len(self.result.trials)} trials)"
 
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
-
     def plot(self) -> "Figure":
         """Return the figure of the run: all trials, or the measured and simulated frequency response."""
         from klute_sim.report.joint.figure import build_figure
@@ -116,42 +92,30 @@ class JointRun:
 
         return build_figure(self.result) if self.comparison is None else build_response_figure(self.comparison)
 
-    def save(self, folder: str | Path | None = None) -> Path:
-        """Write the files of ``klute-sim bench joint`` into ``folder`` (default: the next ``runs/joint-NNN``).
+    @property
+    def title(self) -> str:
+        """Test and model."""
+        return f"{self.result.test}: {self.result.file.name}"
 
-        Returns the folder.
-        """
-        with create_run_folder("joint", folder) as (final_folder, scratch):
-            self.write_files(scratch, final_folder)
-        return final_folder
-
-    def write_files(self, scratch: Path, folder: Path) -> dict[str, Any]:
-        """Write all files into ``scratch``, which becomes ``folder``; return the content of summary.json."""
+    @property
+    def figure_description(self) -> str:
+        """What the figure shows."""
         from klute_sim.report.joint.figure import DESCRIPTION
-        from klute_sim.report.joint.response import RESPONSE_DESCRIPTION, format_response_csv
-        from klute_sim.report.joint.table import format_results_csv
-        from klute_sim.report.run_page import FIGURE_FILE, PAGE_FILE, write_run_page
-        from klute_sim.report.style import save_figure
+        from klute_sim.report.joint.response import RESPONSE_DESCRIPTION
+
+        return DESCRIPTION if self.comparison is None else RESPONSE_DESCRIPTION
+
+    def _write_inputs(self, folder: Path) -> None:
+        from klute_sim.report.joint.response import format_response_csv
 
         for name, device in self.result.devices.items():
-            (scratch / f"{name}.toml").write_bytes(device.content)
+            (folder / f"{name}.toml").write_bytes(device.content)
         spec = self.result.file.make_spec()
         set_model_numbers(spec, self.result.numbers)
         compile_model(spec)  # MuJoCo writes compiled models only
-        (scratch / "model.xml").write_text(spec.to_xml(), "utf-8")
-        (scratch / "results.csv").write_text(format_results_csv(self.result), "utf-8")
-        for trial in self.result.trials:
-            parquet.write_recording(trial.recording, scratch / f"{trial.name}.parquet")
-        save_figure(self.plot(), scratch / FIGURE_FILE)
+        (folder / "model.xml").write_text(spec.to_xml(), "utf-8")
         if self.comparison is not None:
-            (scratch / "response.csv").write_text(format_response_csv(self.comparison, self.result.unit), "utf-8")
-        files = [*sorted(file.name for file in scratch.iterdir()), PAGE_FILE, "summary.json"]
-        summary = {**self.summary, "run": str(folder), "files": files}
-        (scratch / "summary.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", "utf-8")
-        title = f"{self.result.test}: {self.result.file.name}"
-        description = DESCRIPTION if self.comparison is None else RESPONSE_DESCRIPTION
-        write_run_page(scratch, title, self.format_summary(), {FIGURE_FILE: description})
-        return summary
+            (folder / "response.csv").write_text(format_response_csv(self.comparison, self.result.unit), "utf-8")
 
 
 def simulate_joint(

@@ -7,7 +7,8 @@ from typing import Any
 
 from klute_sim.api.inputs import DeviceLike, to_device
 from klute_sim.api.joint import DEFAULT_DEVICE, assign_devices
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Summary
+from klute_sim.api.saved_plan import SavedPlan
 from klute_sim.diagnosis.planning.measurement_plan import MIN_REPEATS, check_repeats, list_repeat_files
 from klute_sim.diagnosis.planning.mechanism_plan import MechanismPlan, write_mechanism_plan
 from klute_sim.errors import InputError
@@ -15,7 +16,6 @@ from klute_sim.mechanism.mounting import mount_devices
 from klute_sim.mechanism.protocols import TESTS, ProtocolSettings, plan_test
 from klute_sim.mechanism.run import check_pressures, find_joint
 from klute_sim.plant.mjcf.model_file import load_model_file
-from klute_sim.recording.run_folder import create_run_folder
 from klute_sim.units import BAR
 
 TESTS_WITHOUT_LOAD = ("steps", "sines", "multisine")
@@ -23,7 +23,7 @@ TESTS_WITHOUT_LOAD = ("steps", "sines", "multisine")
 
 
 @dataclass(frozen=True, repr=False)
-class JointPlan:
+class JointPlan(SavedPlan):
     """Plan of measurements on a joint or a free load: trials of its tests, and instructions."""
 
     plan: MechanismPlan
@@ -59,30 +59,14 @@ class JointPlan:
         for row in self.to_dict()["trials"]:
             table.add_row(row["name"], row["test"], f"{row['duration_s']:.1f}", row["use"] or "assigned later")
         yield table
-        if self.simulate:
-            yield "The recordings are simulated, not measured."
+        yield from self._describe_origin()
 
     def __repr__(self) -> str:
         """Return one line: model, number of trials and repeats."""
         return f"JointPlan({self.plan.file.name!r}, {len(self.plan.trials)} trials, {self.plan.n_repeats} repeats)"
 
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
-
-    def save(self, folder: str | Path) -> Path:
-        """Write the files of ``klute-sim plan --model`` into ``folder`` (new or empty); return the folder."""
-        with create_run_folder("plan", folder) as (final_folder, scratch):
-            self.write_files(scratch)
-        return final_folder
-
-    def write_files(self, folder: Path) -> list[str]:
-        """Write all files into the existing ``folder``; return their names."""
+    def _write(self, folder: Path) -> None:
         write_mechanism_plan(self.plan, folder, simulate=self.simulate)
-        return sorted(file.name for file in folder.iterdir())
 
 
 def plan_joint_measurements(

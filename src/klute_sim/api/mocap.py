@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from klute_sim.api.optional import import_pandas
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.errors import InputError
 from klute_sim.gait.reference import Reference
 from klute_sim.mocap import dataset_import, export, reference_folder, reference_import
@@ -33,7 +33,7 @@ AnkleZero = Literal["foot-flat", "file"]
 
 
 @dataclass(frozen=True, repr=False)
-class GaitImport:
+class GaitImport(Printable):
     """Imported gait: the mean stride as a reference, all strides, and the log of the import."""
 
     imported: ImportedReference
@@ -65,13 +65,6 @@ class GaitImport:
         n_strides = len(imported.strides[imported.side])
         return f"GaitImport({n_strides} strides, {imported.side}, {imported.stride_time:.3f} s)"
 
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
-
     def plot(self) -> "Figure":
         """Return the figure of the mean stride with the standard deviation between strides."""
         from klute_sim.api.comparison import compare
@@ -98,7 +91,7 @@ class GaitImport:
 
 
 @dataclass(frozen=True, repr=False)
-class DatasetImport:
+class DatasetImport(Printable):
     """Imported gait trials with a prosthesis, and the log of the import."""
 
     imported: ImportedDataset
@@ -124,13 +117,6 @@ class DatasetImport:
         imported = self.imported
         n_conditions = len(set(imported.groups))
         return f"DatasetImport({len(imported.trials)} trials, {n_conditions} conditions, {imported.device.name!r})"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def save(self, folder: str | Path | None = None) -> Path:
         """Write the dataset into ``folder`` (new or empty; default: ``runs/import-NNN``).

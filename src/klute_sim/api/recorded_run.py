@@ -1,12 +1,12 @@
 """What a simulated run with a recording has in common: how it prints itself, and the files of its folder."""
 
 import json
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable
 from klute_sim.errors import MissingExtraError
 from klute_sim.recording import csv, parquet
 from klute_sim.recording.recording import Recording
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class RecordedRun(ABC):
+class RecordedRun(Printable):
     """A run with a recording; a subclass gives its summary, its figure and its inputs."""
 
     kind: ClassVar[str]
@@ -42,10 +42,6 @@ class RecordedRun(ABC):
         """Content of summary.json."""
 
     @abstractmethod
-    def format_summary(self) -> Summary:
-        """Yield what the terminal shows."""
-
-    @abstractmethod
     def plot(self) -> "Figure":
         """Return the figure of the run."""
 
@@ -56,13 +52,6 @@ class RecordedRun(ABC):
     @abstractmethod
     def _write_view(self, scratch: Path) -> None:
         """Write recording.rrd into ``scratch``; raises MissingExtraError without the extra 'rerun'."""
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def save(self, folder: str | Path | None = None, *, with_csv: bool = False) -> Path:
         """Write the files of the command into ``folder`` (new or empty; default: the next ``runs/KIND-NNN``).

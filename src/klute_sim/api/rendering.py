@@ -1,6 +1,7 @@
 """Render the summary of a result (rich tables and sentences) as text, as HTML, or on a console."""
 
 import io
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from html import escape
 from typing import TypeAlias
@@ -13,6 +14,21 @@ TEXT_WIDTH_CHARS = 110
 
 Summary: TypeAlias = Iterable[Table | str]
 """Tables and sentences in the order in which a reader sees them."""
+
+
+class Printable(ABC):
+    """A result that prints its summary, in a terminal and in a notebook."""
+
+    @abstractmethod
+    def format_summary(self) -> Summary:
+        """Yield the tables and sentences of the summary."""
+
+    def __str__(self) -> str:
+        """Return the summary that the terminal shows."""
+        return render_text(self.format_summary())
+
+    def _repr_html_(self) -> str:
+        return render_html(self.format_summary())
 
 
 def render_text(summary: Summary, width: int = TEXT_WIDTH_CHARS) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import DeviceLike, to_device
 from klute_sim.api.optional import import_pandas
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.recording.run_folder import create_run_folder
@@ -38,7 +38,7 @@ DISAGREEMENTS = ("contradicts-source", "source-contradicts-itself")
 
 
 @dataclass(frozen=True, repr=False)
-class ReproductionResult:
+class ReproductionResult(Printable):
     """Assessment of every number and statement that the dissertation prints."""
 
     reproduction: Reproduction
@@ -89,13 +89,6 @@ class ReproductionResult:
     def __repr__(self) -> str:
         """Return one line: device and number of items."""
         return f"ReproductionResult({self.device.name!r}, {len(self.assessments)} items)"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def plot(self, number: str = "3.9") -> "Figure":
         """Return the figure with ``number`` of the dissertation; raises InputError when there is none."""

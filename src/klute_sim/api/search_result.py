@@ -1,12 +1,12 @@
 """The result of a search with one objective (:mod:`klute_sim.tuning.search`): best point, files and figure."""
 
 import json
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.api.sweep import explain_interrupt
 from klute_sim.device.device import Device
 from klute_sim.files.toml import format_toml
@@ -47,7 +47,7 @@ def run_search(
 
 
 @dataclass(frozen=True, repr=False)
-class SearchResult(ABC, Generic[P, E]):
+class SearchResult(Printable, Generic[P, E]):
     """The evaluations of a search, and the best of them in finer simulations."""
 
     rig: ClassVar[str]
@@ -142,13 +142,6 @@ class SearchResult(ABC, Generic[P, E]):
         """Return one line: number of evaluations, cost before and after, and the folder."""
         cost = f"cost {self.initial.cost:.3g} -> {self.best.cost:.3g}"
         return f"{type(self).__name__}({len(self.evaluations)} evaluations, {cost}, folder={str(self.folder)!r})"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def plot(self) -> "Figure":
         """Return the figure of the objective over the evaluations, and of the changes by the tuning."""

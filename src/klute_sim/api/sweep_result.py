@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from klute_sim.api.optional import import_pandas
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.errors import InputError
 from klute_sim.parameter_sweep import display, table, walk_display
 from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNTRACKED_COLUMN
@@ -42,7 +42,7 @@ UNUSABLE_COLUMNS: dict[type, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, repr=False)
-class SweepResult:
+class SweepResult(Printable):
     """The finished cases of a sweep, one row per combination."""
 
     plan: table.AnyPlan
@@ -75,13 +75,6 @@ class SweepResult:
     def __repr__(self) -> str:
         """Return one line: numbers of cases and failures, and the folder."""
         return f"SweepResult({len(self.rows)} cases, {self.n_failed} failed, folder={str(self.folder)!r})"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return the rows as a DataFrame; raises MissingExtraError without pandas."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import stage_progress
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.device.schema.foot import parse_foot_name
 from klute_sim.errors import InputError
 from klute_sim.gait.subject import resolve_subject
@@ -32,7 +32,7 @@ DEFAULT_TRAINING_MINUTES = 20.0
 
 
 @dataclass(frozen=True, repr=False)
-class TrainingResult:
+class TrainingResult(Printable):
     """A finished training: the policy, its learning curve, and its comparison with a baseline."""
 
     training: Training
@@ -106,13 +106,6 @@ class TrainingResult:
             f"TrainingResult({summary['algorithm']}, {summary['steps']} steps, gain {summary['gain']:.2f}, "
             f"folder={summary['folder']!r})"
         )
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def plot(self) -> "Figure":
         """Return the figure of the learning curve."""

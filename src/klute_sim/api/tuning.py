@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import DeviceLike, to_device
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.api.search_result import run_search
 from klute_sim.controllers.pressure import PressureProfile, load_default_profile, load_profile, profile_to_csv
 from klute_sim.device.device import Device
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class TuningResult:
+class TuningResult(Printable):
     """The evaluations of a search and the best of them, simulated at a fine time step."""
 
     problem: TuningProblem
@@ -132,13 +132,6 @@ class TuningResult:
         """Return one line: number of evaluations, cost before and after, and the folder."""
         cost = f"cost {self.initial.cost:.3g} -> {self.best.cost:.3g}"
         return f"TuningResult({len(self.evaluations)} evaluations, {cost}, folder={str(self.folder)!r})"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def plot(self) -> "Figure":
         """Return the figure of the Pareto front and of the gait before and after tuning."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import DeviceLike, ignore_progress
-from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.rendering import Printable, Summary
 from klute_sim.api.walk import build_prosthesis, simulate_walk
 from klute_sim.errors import InputError
 from klute_sim.recording.run_folder import create_run_folder
@@ -44,7 +44,7 @@ def _get_peak_load(outcomes: WalkOutcomes, side: str) -> float | None:
 
 
 @dataclass(frozen=True, repr=False)
-class WalkComparison:
+class WalkComparison(Printable):
     """Two conditions, walked by the same walkers or each by walkers that have adapted to it."""
 
     conditions: tuple[str, str]
@@ -125,13 +125,6 @@ class WalkComparison:
         (a, b), (walkers_a, walkers_b) = self.conditions, self.walkers
         count = str(len(walkers_a)) if self.is_paired else f"{len(walkers_a)} and {len(walkers_b)}"
         return f"WalkComparison({a!r}, {b!r}, {count} walkers)"
-
-    def __str__(self) -> str:
-        """Return the summary that the terminal shows."""
-        return render_text(self.format_summary())
-
-    def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
 
     def save(self, folder: str | Path | None = None) -> Path:
         """Write walk-comparison.json and index.html into ``folder`` (default: the next ``runs/walk-compare-NNN``).

@@ -26,24 +26,7 @@ MODELS = {"joint": "antagonist_joint", "mass": "hanging_mass", "knee": "knee_jig
 )
 @click.option("--list", "as_list", is_flag=True, help="List the tests.")
 @click.option("--numbers", "as_numbers", is_flag=True, help="List the numbers of the model that --set changes.")
-@click.option(
-    "--mean",
-    "mean_bar",
-    type=common.NumberWithUnit("bar"),
-    default=2.5,
-    show_default=True,
-    metavar="BAR",
-    help="Mean pressure [bar].",
-)
-@click.option(
-    "--difference",
-    "difference_bar",
-    type=common.NumberWithUnit("bar"),
-    default=1.0,
-    show_default=True,
-    metavar="BAR",
-    help="Amplitude of the pressure difference [bar].",
-)
+@common.pressure_options()
 @click.option(
     "--load",
     type=common.NumberWithUnit("N m, or N on a slide"),

@@ -293,6 +293,21 @@ WALKERS_OPTION = click.option(
 )
 
 
+def pressure_options(prefix: str = "") -> Decorator:
+    """Return ``--mean`` and ``--difference`` of a joint's commands; ``prefix`` begins their help."""
+
+    def add(name: str, default: float, help_text: str) -> Decorator:
+        text = f"{prefix}{help_text[0].lower() if prefix else help_text[0]}{help_text[1:]}"
+        number = NumberWithUnit("bar")
+        return click.option(
+            f"--{name}", f"{name}_bar", type=number, default=default, show_default=True, metavar="BAR", help=text
+        )
+
+    mean = add("mean", 2.5, "Mean pressure [bar].")
+    difference = add("difference", 1.0, "Amplitude of the pressure difference [bar].")
+    return lambda function: mean(difference(function))
+
+
 def jobs_option(
     help_text: str = "Number of worker processes; 0: one per core.  [default: 0]", *, default: int | None = 0
 ) -> Decorator:

@@ -33,24 +33,7 @@ from klute_sim.cli.common import NonEmptyPath
     help="Plan tests of a joint or a free load instead: a model of the package, or an MJCF file with one joint. --only "
     "names its tests then (steps, sines, multisine, co-contraction, quick-release).",
 )
-@click.option(
-    "--mean",
-    "mean_bar",
-    type=common.NumberWithUnit("bar"),
-    default=2.5,
-    show_default=True,
-    metavar="BAR",
-    help="With --model: mean pressure [bar].",
-)
-@click.option(
-    "--difference",
-    "difference_bar",
-    type=common.NumberWithUnit("bar"),
-    default=1.0,
-    show_default=True,
-    metavar="BAR",
-    help="With --model: amplitude of the pressure difference [bar].",
-)
+@common.pressure_options("With --model: ")
 @click.option(
     "--load",
     type=common.NumberWithUnit("N m, or N on a slide"),

@@ -1,7 +1,5 @@
 """Metrics of a bench run as JSON, as CSV and as a table for a terminal, and remarks on the run."""
 
-import csv
-import io
 import math
 from typing import Any
 
@@ -59,18 +57,6 @@ def summarize_bench_run(result: BenchResult) -> dict[str, Any]:
         },
         "remarks": collect_remarks(result),
     }
-
-
-def format_results_csv(result: BenchResult) -> str:
-    """Return a CSV table with one row per trial; the cells of metrics that do not exist are empty."""
-    keys = ["trial", *dict.fromkeys(key for trial in result.trials for key in (*trial.conditions, *trial.metrics))]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, keys, restval="", lineterminator="\n")
-    writer.writeheader()
-    for trial in result.trials:
-        metrics = {key: "" if math.isnan(value) else repr(value) for key, value in trial.metrics.items()}
-        writer.writerow({"trial": trial.name, **trial.conditions, **metrics})
-    return text.getvalue()
 
 
 def build_table(result: BenchResult) -> Table:

@@ -1,7 +1,5 @@
 """Metrics of a joint test as JSON, as CSV and as a table for a terminal."""
 
-import csv
-import io
 import math
 from typing import Any
 
@@ -46,18 +44,6 @@ def summarize_joint_test(result: JointTestResult) -> dict[str, Any]:
             },
         },
     }
-
-
-def format_results_csv(result: JointTestResult) -> str:
-    """Return a CSV table with one row per trial; the cells of metrics that do not exist are empty."""
-    keys = ["trial", *dict.fromkeys(key for trial in result.trials for key in (*trial.conditions, *trial.metrics))]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, keys, restval="", lineterminator="\n")
-    writer.writeheader()
-    for trial in result.trials:
-        metrics = {key: "" if math.isnan(value) else repr(value) for key, value in trial.metrics.items()}
-        writer.writerow({"trial": trial.name, **trial.conditions, **metrics})
-    return text.getvalue()
 
 
 def build_table(result: JointTestResult) -> Table:
