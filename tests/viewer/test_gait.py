@@ -18,9 +18,10 @@ from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
-from klute_sim.viewer import scene
+from klute_sim.viewer import scene, stream
 from klute_sim.viewer.folders import ensure_recording
 from klute_sim.viewer.layouts import gait as writer
+from klute_sim.viewer.picture import rrd_reader
 
 DEVICE = load_device("klute-1-1-4-pair")
 ALIGNMENT = math.radians(-3.0)
@@ -159,11 +160,34 @@ def test_title_says_that_the_ground_reaction_is_tracked() -> None:
 
 
 def test_band_is_one_standard_deviation_wide(chunks: dict[str, list[Any]]) -> None:
-    low, high = (
-        np.array(column(chunks[f"band/ankle_moment_{side}"], "Scalars:scalars"), dtype=np.float64).ravel()
-        for side in ("low", "high")
+    mean, variance = (
+        np.array(column(chunks["band/ankle_moment"], f"Measurements:{name}"), dtype=np.float64).ravel()
+        for name in ("values", "variances")
     )
-    assert high - low == pytest.approx(2 * stride()["reference_ankle_moment_sd"])
+    assert mean == pytest.approx(stride()["reference_ankle_moment"])
+    assert np.sqrt(variance) == pytest.approx(stride()["reference_ankle_moment_sd"])
+
+
+def test_window_opens_on_the_last_stride_and_repeats_it(file: Path) -> None:
+    import rerun as rr
+
+    views = rrd_reader.iter_views(rrd_reader.read_rrd(file).root)
+    spans = {view.name: view.span for view in views if view.kind == "TimeSeries"}
+    last = stride()["time"][stride()["stride"] == stride()["stride"][-1]]
+    assert spans["ankle angle [deg], dorsiflexion up"] == pytest.approx((last[0], last[-1]))
+    assert spans["device energies [J], output since the start"] is None
+    (layout,) = rr.chunk.RrdReader(file).blueprints()
+    panel = rrd_reader._collect_entities(rr.chunk.RrdReader(file).stream(store=layout))["time_panel"]
+    assert panel.rows["loop_mode"][-1] == [2]
+    assert panel.rows["play_state"][-1] == [2]
+
+
+def test_legend_lies_where_the_lines_leave_room() -> None:
+    phase = np.linspace(0.0, 1.0, 101)
+    assert stream.choose_legend_corner(phase, [phase]) in ("RightBottom", "LeftTop")
+    assert stream.choose_legend_corner(phase, [np.where(phase > 0.5, 1.0, 0.9 * phase)]) == "LeftTop"
+    assert stream.choose_legend_corner(phase, [np.full(101, np.nan)]) == "RightTop"
+    assert stream.choose_legend_corner(phase, [np.exp(-((phase - 0.8) ** 2) * 50.0)]) == "LeftTop"
 
 
 def test_body_positions_match_the_simulation(chunks: dict[str, list[Any]]) -> None:

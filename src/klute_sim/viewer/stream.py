@@ -30,6 +30,10 @@ PALETTE: tuple[Colour, ...] = (
 """Colours that are distinguishable on black, for lines without a colour of their own."""
 
 
+LEGEND_BEGIN = 0.6
+"""Position, as a fraction of the width of a plot, from which a legend covers it."""
+
+
 class SeriesLine(NamedTuple):
     """A line in a plot; the viewer draws lines in the order of their entities' names."""
 
@@ -43,6 +47,28 @@ class SeriesLine(NamedTuple):
     """Values in the unit of the plot; NaN where undefined."""
     markers_only: bool = False
     """Whether the values are shown as markers that are not joined."""
+
+
+class Span(NamedTuple):
+    """A part of a timeline of durations."""
+
+    begin: float
+    """First time [s]."""
+    end: float
+    """Last time [s]."""
+
+
+class BandLine(NamedTuple):
+    """A line with a band of one standard deviation on each side."""
+
+    entity: str
+    name: str
+    """Name in the legend."""
+    colour: Colour
+    mean: Array
+    """Values in the unit of the plot."""
+    deviation: Array
+    """Standard deviations in the same unit."""
 
 
 def import_rerun() -> Any:
@@ -85,6 +111,15 @@ def send_lines(stream: Any, axis: Any, lines: Iterable[SeriesLine]) -> None:
         log_line_style(stream, line)
 
 
+def send_band(stream: Any, axis: Any, band: BandLine) -> None:
+    """Send the line and the band of ``band`` over ``axis`` (a rerun TimeColumn), and their style."""
+    rr = import_rerun()
+    columns = rr.Measurements.columns(values=band.mean, variances=np.square(band.deviation))
+    stream.send_columns(band.entity, indexes=[axis], columns=columns)
+    style = rr.Measurements.from_fields(names=band.name, colors=np.array(band.colour), widths=1.0)
+    stream.log(band.entity, style, static=True)
+
+
 def log_line_style(stream: Any, line: SeriesLine) -> None:
     """Log name, colour and width of ``line``."""
     rr, colour = import_rerun(), np.array(line.colour)
@@ -112,18 +147,47 @@ def _format_cell(value: Any) -> str:
     return f"{value + 0.0:.4g}" if isinstance(value, float) else str(value).replace("|", "/").replace("\n", " ")
 
 
-def build_plot_view(name: str, entities: Sequence[str], view_range: tuple[int, int] | None = None) -> Any:
+def build_plot_view(
+    name: str,
+    entities: Sequence[str],
+    view_range: tuple[int, int] | Span | None = None,
+    legend_corner: str | None = None,
+) -> Any:
     """Build a view of the lines of ``entities`` over the timeline.
 
-    ``view_range`` is needed for integer timelines, of which the viewer otherwise shows 1000 steps around the cursor.
+    ``view_range`` is what the view shows first. It is needed for integer timelines, of which the viewer otherwise shows
+    1000 steps around the cursor. ``legend_corner`` is the corner of the legend (:func:`choose_legend_corner`).
     """
     import rerun.blueprint as rrb
 
     rr, axis = import_rerun(), None
     if view_range is not None:
-        first, last = (rr.TimeRangeBoundary.absolute(seq=end) for end in view_range)
+        unit = "seconds" if isinstance(view_range, Span) else "seq"
+        first, last = (rr.TimeRangeBoundary.absolute(**{unit: end}) for end in view_range)
         axis = rrb.TimeAxis(view_range=rr.TimeRange(first, last))
-    return rrb.TimeSeriesView(origin="/", contents=[f"/{entity}" for entity in entities], name=name, axis_x=axis)
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=[f"/{entity}" for entity in entities],
+        name=name,
+        axis_x=axis,
+        plot_legend=rrb.PlotLegend(legend_corner or "RightTop"),
+    )
+
+
+def choose_legend_corner(phase: Array, lines: Iterable[Array]) -> str:
+    """Return the corner of a plot in which the ``lines`` over ``phase`` (0 to 1) leave most room for a legend."""
+    known = [line for line in lines if np.isfinite(line).any()]
+    if not known:
+        return "RightTop"
+    values = np.concatenate(known)
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    position, height = np.tile(phase, len(known)), (values - low) / max(high - low, 1e-12)
+    rooms = {
+        f"{side}{end}": np.nanmin(np.where(is_beside, distance, np.inf), initial=np.inf)
+        for side, is_beside in (("Right", position > LEGEND_BEGIN), ("Left", position < 1.0 - LEGEND_BEGIN))
+        for end, distance in (("Top", 1.0 - height), ("Bottom", height))
+    }
+    return max(rooms, key=lambda corner: rooms[corner])
 
 
 def build_text_view(name: str, entity: str) -> Any:
@@ -133,13 +197,22 @@ def build_text_view(name: str, entity: str) -> Any:
     return rrb.TextDocumentView(origin=f"/{entity}", name=name)
 
 
-def build_window_blueprint(root: Any, timeline: str) -> Any:
-    """Build the layout of a window: ``root`` over ``timeline``, with collapsed panels."""
+def build_window_blueprint(root: Any, timeline: str, loop: Span | None = None) -> Any:
+    """Build the layout of a window: ``root`` over ``timeline``, with collapsed panels.
+
+    The window plays ``loop`` again and again; None: it shows the start and waits.
+    """
     import rerun.blueprint as rrb
 
+    playing: dict[str, Any] = {}
+    if loop is not None:
+        from rerun.encodings import AbsoluteTimeRange
+
+        selection = AbsoluteTimeRange(*(round(1e9 * end) for end in loop))
+        playing = {"play_state": "playing", "loop_mode": "selection", "time_selection": selection}
     return rrb.Blueprint(
         root,
-        rrb.TimePanel(state="collapsed", timeline=timeline),
+        rrb.TimePanel(state="collapsed", timeline=timeline, **playing),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
     )

@@ -31,8 +31,10 @@ from klute_sim.viewer.stream import (
     PALE_ORANGE,
     RED,
     VIOLET,
+    BandLine,
     Colour,
     SeriesLine,
+    Span,
 )
 
 TIMELINE = "time"
@@ -47,12 +49,7 @@ The viewer draws in the order of the entities' names, which puts these lines on 
 
 
 def _build_human_comparison(channel: str) -> tuple[PlotSeries, ...]:
-    return (
-        (f"band/{channel}_low", "human - 1 sd", DARK_ORANGE),
-        (f"band/{channel}_high", "human + 1 sd", DARK_ORANGE),
-        (f"channels/reference_{channel}", "human", ORANGE),
-        (f"channels/{channel}", "prosthesis", BLUE),
-    )
+    return ((f"channels/reference_{channel}", "human", ORANGE), (f"channels/{channel}", "prosthesis", BLUE))
 
 
 PlotSpec = tuple[str, tuple[PlotSeries, ...]]
@@ -124,6 +121,8 @@ ENERGY_PLOTS: tuple[PlotSpec, ...] = (
 )
 """Plots of the tab "energy and air"."""
 LOOP_ENTITY = "loop/moment_over_angle"
+BAND_PREFIX = "band/"
+"""Beginning of the entity of a band; it replaces the line of the reference in a plot."""
 
 
 def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
@@ -133,7 +132,7 @@ def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> 
     """
     rr = stream.import_rerun()
     series = {f"channels/{name}": values for name, values in recording.channels.items() if name != "time"}
-    series |= compute_reference_bands(recording) | compute_cumulative_energies(recording)
+    series |= compute_cumulative_energies(recording)
     plotted = [line for _, lines in (*MOTION_PLOTS, *build_energy_plots(recording)) for line in lines]
     styles = {entity: (name, colour) for entity, name, colour in plotted}
     with stream.open_recording(path, "gait", recording.provenance, lambda: build_blueprint(recording)) as out:
@@ -146,6 +145,8 @@ def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> 
                 stream.log_line_style(
                     out, SeriesLine(entity, name, colour, 1.0 if colour in THIN_LINE_COLOURS else 3.0, values)
                 )
+        for band in build_bands(recording):
+            stream.send_band(out, axis, band)
         chart.log_chart(out, build_loop_chart(recording), axis, (recording["ankle_angle"], recording["ankle_moment"]))
 
 
@@ -172,14 +173,20 @@ def rebuild_recording(folder: Path, path: Path) -> None:
     write_recording(recording, model, path)
 
 
-def compute_reference_bands(recording: Recording) -> dict[str, Array]:
-    """Return entity -> reference minus and plus one standard deviation, for channels that have one."""
-    bands = {}
-    for name in ("ankle_angle", "ankle_moment", "ankle_power"):
-        if f"reference_{name}" in recording and f"reference_{name}_sd" in recording:
-            mean, sd = recording[f"reference_{name}"], recording[f"reference_{name}_sd"]
-            bands[f"band/{name}_low"], bands[f"band/{name}_high"] = mean - sd, mean + sd
-    return bands
+def build_bands(recording: Recording) -> list[BandLine]:
+    """Return the reference with a band of one standard deviation, for channels that have one."""
+    return [
+        BandLine(f"{BAND_PREFIX}{name}", "human ±1 sd", ORANGE, recording[f"reference_{name}"], sd)
+        for name in ("ankle_angle", "ankle_moment", "ankle_power")
+        if f"reference_{name}" in recording and f"reference_{name}_sd" in recording
+        for sd in [recording[f"reference_{name}_sd"]]
+    ]
+
+
+def select_last_stride(recording: Recording) -> Span:
+    """Return the time of the last stride, which the window shows first."""
+    time = recording["time"][recording["stride"] == recording["stride"][-1]]
+    return Span(float(time[0]), float(time[-1]))
 
 
 def compute_cumulative_energies(recording: Recording) -> dict[str, Array]:
@@ -211,8 +218,13 @@ def build_loop_chart(recording: Recording) -> chart.Chart:
 
 
 def build_blueprint(recording: Recording) -> Any:
-    """Build the layout: side view of the leg and work loop on the left, plots in two tabs on the right."""
+    """Build the layout: side view of the leg and work loop on the left, plots in two tabs on the right.
+
+    It opens on the last stride, which it repeats.
+    """
     import rerun.blueprint as rrb
+
+    stride = select_last_stride(recording)
 
     left = rrb.Vertical(
         scene.build_view("leg (tendon: red at peak force; muscle: green at peak pressure)"),
@@ -220,13 +232,27 @@ def build_blueprint(recording: Recording) -> Any:
         row_shares=[3, 2],
     )
     right = rrb.Tabs(
-        _build_grid(MOTION_PLOTS, "motion and forces"), _build_grid(build_energy_plots(recording), "energy and air")
+        _build_grid(recording, MOTION_PLOTS, "motion and forces", stride),
+        _build_grid(recording, build_energy_plots(recording), "energy and air", None),
     )
-    return stream.build_window_blueprint(rrb.Horizontal(left, right, column_shares=[1, 2]), TIMELINE)
+    return stream.build_window_blueprint(rrb.Horizontal(left, right, column_shares=[1, 2]), TIMELINE, loop=stride)
 
 
-def _build_grid(plots: Sequence[PlotSpec], name: str) -> Any:
+def _build_grid(recording: Recording, plots: Sequence[PlotSpec], name: str, span: Span | None) -> Any:
+    """Build the views of ``plots``; those of a ``span`` show it first, and have their legends beside its lines."""
     import rerun.blueprint as rrb
 
-    views = [stream.build_plot_view(title, [entity for entity, _, _ in lines]) for title, lines in plots]
+    bands = {band.entity for band in build_bands(recording)}
+    last = recording if span is None else recording.select(recording["time"] >= span.begin)
+    phase = (last["time"] - last["time"][0]) / max(float(np.ptp(last["time"])), 1e-12)
+    views = []
+    for title, lines in plots:
+        entities = [
+            band if (band := entity.replace("channels/reference_", BAND_PREFIX)) in bands else entity
+            for entity, _, _ in lines
+        ]
+        channels = [entity.removeprefix("channels/") for entity, _, _ in lines]
+        values = [last[channel] for channel in channels if channel in last]
+        corner = stream.choose_legend_corner(phase, values)
+        views.append(stream.build_plot_view(title, entities, span, corner))
     return rrb.Grid(*views, grid_columns=2, name=name)

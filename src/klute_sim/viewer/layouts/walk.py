@@ -17,13 +17,15 @@ from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 from klute_sim.viewer import scene, stream
-from klute_sim.viewer.stream import BLUE, GREEN, ORANGE, RED, VIOLET, Colour, SeriesLine
+from klute_sim.viewer.stream import BLUE, GREEN, ORANGE, RED, VIOLET, Colour, SeriesLine, Span
 from klute_sim.walker.person.body import SIDES, load_body
 from klute_sim.walker.person.build import Ground, Prosthesis, build_walker_model
 
 TIMELINE = "time"
 CHANNEL_RATE_HZ = 200.0
 """Number of samples per second of the lines; the poses have those of the scene."""
+SHOWN_SECONDS = 2.5
+"""Duration at the end of the walk that the window shows first and repeats [s]: about two strides."""
 LEG_COLOURS: dict[str, Colour] = {"left": ORANGE, "right": BLUE}
 FLESH_JOINTS = ("hip_left", "knee_left", "ankle_left", "hip_right", "knee_right")
 """Joints whose angle is a channel of the same sign."""
@@ -130,14 +132,20 @@ def build_plots(recording: Recording) -> dict[str, list[tuple[str, str, Colour]]
 
 
 def build_blueprint(recording: Recording) -> Any:
-    """Build the layout: side view of the person on the left, plots on the right."""
+    """Build the layout: side view of the person on the left, plots on the right.
+
+    It opens on the last seconds, which it repeats.
+    """
     import rerun.blueprint as rrb
+
+    end = float(recording["time"][-1])
+    span = Span(max(0.0, end - SHOWN_SECONDS), end)
 
     kind = recording.provenance["kind"]
     left = scene.build_view(f"person, {kind}", origin="trunk", height=-0.15, distance=3.0)
     plots = [
-        stream.build_plot_view(title, [f"channels/{name}" for name, _, _ in lines])
+        stream.build_plot_view(title, [f"channels/{name}" for name, _, _ in lines], span)
         for title, lines in build_plots(recording).items()
     ]
     right = rrb.Grid(*plots, grid_columns=2, name="walk")
-    return stream.build_window_blueprint(rrb.Horizontal(left, right, column_shares=[1, 2]), TIMELINE)
+    return stream.build_window_blueprint(rrb.Horizontal(left, right, column_shares=[1, 2]), TIMELINE, loop=span)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from klute_sim.types import Array
 from klute_sim.viewer.picture.rrd_reader import Entity, View
 
 if TYPE_CHECKING:
@@ -38,16 +39,22 @@ def draw_series(axis: "Axes", view: View, entities: dict[str, Entity], timeline:
     """Plot lines over the timeline, with a mark at the cursor."""
     # The viewer draws in the order of the entities' names.
     for path, entity in sorted(entities.items()):
-        if "scalars" not in entity.rows or timeline not in entity.times:
+        component = "values" if "Measurements" in entity.archetypes else "scalars"
+        if component not in entity.rows or timeline not in entity.times:
             continue
-        value = np.array([row[0] if row else np.nan for row in entity.rows["scalars"]], dtype=np.float64)
+        time, value = entity.get_times(timeline), _read_single_values(entity, component)
         style: dict[str, Any] = {"color": unpack_colour(get_first_value(entity, "colors", 0xAAAAAAFF))}
         style["label"] = get_first_value(entity, "names", path)
         if "SeriesPoints" in entity.archetypes:
             style |= {"linestyle": "none", "marker": "o", "markersize": get_first_value(entity, "marker_sizes", 3.0)}
         else:
             style["linewidth"] = 0.6 * get_first_value(entity, "widths", 1.0)
-        axis.plot(entity.get_times(timeline), value, **style)
+        axis.plot(time, value, **style)
+        if "variances" in entity.rows:
+            deviation = np.sqrt(_read_single_values(entity, "variances"))
+            axis.fill_between(time, value - deviation, value + deviation, color=style["color"], alpha=0.25, linewidth=0)
+    if view.span is not None:
+        axis.set_xlim(*view.span)
     axis.axvline(cursor, color=TEXT_COLOUR, linewidth=0.5)
     axis.grid(color=GRID_COLOUR, linewidth=0.3)
     axis.tick_params(labelsize=FONT_SIZE_PT, colors=TEXT_COLOUR)
@@ -70,6 +77,11 @@ def draw_series(axis: "Axes", view: View, entities: dict[str, Entity], timeline:
     axis.set_xlabel(
         f"{timeline.replace('_', ' ')}{' [s]' if timeline == 'time' else ''}", fontsize=FONT_SIZE_PT, color=TEXT_COLOUR
     )
+
+
+def _read_single_values(entity: Entity, component: str) -> Array:
+    """Return the value of each row of a component with one value per row; NaN without one."""
+    return np.array([row[0] if row else np.nan for row in entity.rows[component]], dtype=np.float64)
 
 
 def draw_plane(axis: "Axes", view: View, entities: dict[str, Entity], timeline: str, cursor: float) -> None:

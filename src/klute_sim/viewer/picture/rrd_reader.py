@@ -12,6 +12,8 @@ from klute_sim.viewer.stream import import_rerun
 
 CONTAINER_KINDS = {1: "tabs", 2: "row", 3: "column", 4: "grid"}
 """Number that rerun gives to a kind of container -> name of the kind."""
+NANOSECOND = 1e-9
+"""Unit of rerun's durations [s]."""
 INTERNAL_PREFIXES = ("rerun.controls", "log_tick", "log_time", "blueprint")
 
 
@@ -25,6 +27,8 @@ class Entity:
         self.times: dict[str, list[Array]] = {}
         self.archetypes: set[str] = set()
         """Archetypes of the entity, such as ``Boxes3D``."""
+        self.duration_timelines: set[str] = set()
+        """Timelines of durations; others count."""
 
     def get_times(self, timeline: str) -> Array:
         """Return the times of the rows: [s] on a timeline of durations, otherwise the numbers of the timeline."""
@@ -54,6 +58,8 @@ class View(NamedTuple):
     """Whether the view has a legend."""
     bounds: tuple[tuple[float, float], tuple[float, float]] | None
     """Ranges of x and y of a 2-D view."""
+    span: tuple[float, float] | None = None
+    """Part of the timeline that a plot shows, [s] on a timeline of durations; None: all of it."""
 
     def select_entities(self, entities: dict[str, Entity]) -> dict[str, Entity]:
         """Return the entities in this view."""
@@ -108,7 +114,9 @@ def read_rrd(path: Path) -> RrdContents:
         raise InputError(f"{path} cannot be read: {error}") from None
     if not layout:
         raise InputError(f"{path} has no layout: it was not made by klute-sim")
-    return RrdContents(entities, _build_root(layout), str(_get_single(layout["time_panel"], "timeline")))
+    timeline = str(_get_single(layout["time_panel"], "timeline"))
+    is_duration = any(timeline in entity.duration_timelines for entity in entities.values())
+    return RrdContents(entities, _build_root(layout, NANOSECOND if is_duration else 1.0), timeline)
 
 
 def iter_views(node: View | Container) -> Iterator[View]:
@@ -139,8 +147,10 @@ def _collect_entities(chunks: Any) -> dict[str, Entity]:
                 if name not in components and not name.startswith(INTERNAL_PREFIXES):
                     column = batch.column(name)
                     stamps = np.asarray(column.cast("int64").to_numpy(zero_copy_only=False))
-                    scale = 1e-9 if str(column.type).startswith("duration") else 1.0
-                    entity.times.setdefault(name, []).append(scale * stamps)
+                    is_duration = str(column.type).startswith("duration")
+                    if is_duration:
+                        entity.duration_timelines.add(name)
+                    entity.times.setdefault(name, []).append((NANOSECOND if is_duration else 1.0) * stamps)
     return entities
 
 
@@ -150,17 +160,17 @@ def _get_single(entity: Entity, component: str, default: Any = None) -> Any:
     return default if not values else values[0]
 
 
-def _build_root(layout: dict[str, Entity]) -> View | Container:
+def _build_root(layout: dict[str, Entity], time_unit: float) -> View | Container:
     raw = bytes(_get_single(layout["viewport"], "root_container")).hex()
     name = f"{raw[:8]}-{raw[8:12]}-{raw[12:16]}-{raw[16:20]}-{raw[20:]}"
-    return _build_node(layout, f"container/{name}")
+    return _build_node(layout, f"container/{name}", time_unit)
 
 
-def _build_node(layout: dict[str, Entity], path: str) -> View | Container:
+def _build_node(layout: dict[str, Entity], path: str, time_unit: float) -> View | Container:
     entity = layout[path]
     name = str(_get_single(entity, "display_name", ""))
     if path.startswith("container"):
-        children = tuple(_build_node(layout, str(child)) for child in entity.rows["contents"][-1])
+        children = tuple(_build_node(layout, str(child), time_unit) for child in entity.rows["contents"][-1])
         kind = CONTAINER_KINDS[int(_get_single(entity, "container_kind"))]
         shares: Sequence[float] = entity.rows.get({"row": "col_shares", "column": "row_shares"}.get(kind, ""), [[]])[-1]
         has_shares = len(shares or ()) == len(children)
@@ -170,6 +180,7 @@ def _build_node(layout: dict[str, Entity], path: str) -> View | Container:
     box = None if bounds is None else _get_single(bounds, "range")
     legend = layout.get(f"{path}/PlotLegend")
     query = layout.get(f"{path}/ViewContents")
+    axis = layout.get(f"{path}/TimeAxis")
     return View(
         kind=str(_get_single(entity, "class_identifier")),
         name=name,
@@ -177,4 +188,13 @@ def _build_node(layout: dict[str, Entity], path: str) -> View | Container:
         query=tuple(query.rows["query"][-1]) if query else ("$origin/**",),
         legend=legend is None or bool(_get_single(legend, "visible", True)),
         bounds=None if box is None else (tuple(box["x_range"]), tuple(box["y_range"])),
+        span=None if axis is None else _read_span(_get_single(axis, "view_range"), time_unit),
     )
+
+
+def _read_span(view_range: dict[str, Any] | None, time_unit: float) -> tuple[float, float] | None:
+    """Return the range of a time axis; None where it follows the cursor."""
+    ends = [] if view_range is None else [view_range.get(name) for name in ("start", "end")]
+    if len(ends) != 2 or not all(isinstance(end, int) for end in ends):
+        return None
+    return time_unit * ends[0], time_unit * ends[1]
