@@ -194,7 +194,7 @@ def _build_node(layout: dict[str, Entity], path: str, time_unit: float) -> View 
 
 def _read_span(view_range: dict[str, Any] | None, time_unit: float) -> tuple[float, float] | None:
     """Return the range of a time axis; None where it follows the cursor."""
-    ends = [] if view_range is None else [view_range.get(name) for name in ("start", "end")]
-    if len(ends) != 2 or not all(isinstance(end, int) for end in ends):
-        return None
-    return time_unit * ends[0], time_unit * ends[1]
+    start, end = (None if view_range is None else view_range.get(name) for name in ("start", "end"))
+    if isinstance(start, int) and isinstance(end, int):
+        return time_unit * start, time_unit * end
+    return None
