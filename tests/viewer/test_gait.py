@@ -179,13 +179,12 @@ def test_window_opens_on_the_last_stride_and_repeats_it(file: Path) -> None:
     (layout,) = rr.chunk.RrdReader(file).blueprints()
     panel = rrd_reader._collect_entities(rr.chunk.RrdReader(file).stream(store=layout))["time_panel"]
     assert panel.rows["loop_mode"][-1] == [2]
-    assert panel.rows["play_state"][-1] == [2]
 
 
 def test_legend_lies_where_the_lines_leave_room() -> None:
     phase = np.linspace(0.0, 1.0, 101)
     assert stream.choose_legend_corner(phase, [phase]) in ("RightBottom", "LeftTop")
-    assert stream.choose_legend_corner(phase, [np.where(phase > 0.5, 1.0, 0.9 * phase)]) == "LeftTop"
+    assert stream.choose_legend_corner(phase, [np.where(phase < 0.5, 1.0, 0.9 * phase)]) == "LeftBottom"
     assert stream.choose_legend_corner(phase, [np.full(101, np.nan)]) == "RightTop"
     assert stream.choose_legend_corner(phase, [np.exp(-((phase - 0.8) ** 2) * 50.0)]) == "LeftTop"
 

@@ -200,7 +200,7 @@ def build_text_view(name: str, entity: str) -> Any:
 def build_window_blueprint(root: Any, timeline: str, loop: Span | None = None) -> Any:
     """Build the layout of a window: ``root`` over ``timeline``, with collapsed panels.
 
-    The window plays ``loop`` again and again; None: it shows the start and waits.
+    The window repeats ``loop``; None: it shows the start and waits.
     """
     import rerun.blueprint as rrb
 
@@ -209,7 +209,7 @@ def build_window_blueprint(root: Any, timeline: str, loop: Span | None = None) -
         from rerun.encodings import AbsoluteTimeRange
 
         selection = AbsoluteTimeRange(*(round(1e9 * end) for end in loop))
-        playing = {"play_state": "playing", "loop_mode": "selection", "time_selection": selection}
+        playing = {"loop_mode": "selection", "time_selection": selection}
     return rrb.Blueprint(
         root,
         rrb.TimePanel(state="collapsed", timeline=timeline, **playing),
