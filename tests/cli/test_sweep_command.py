@@ -156,7 +156,7 @@ def test_csv_reads_back_and_the_plan_contains_the_inputs(finished_sweep: tuple[P
     assert plan["devices"]["klute-1-1-4-pair"]["file"] == load_device("klute-1-1-4-pair").content.decode()
     assert plan["controllers"]["constant:2"] == {"kind": "constant", "pressure_bar": 2.0}
     files = {file.name for file in (folder / "s").iterdir()}
-    assert files == {"sweep.parquet", "sweep.csv", "sweep.json", RESULTS_FOLDER}
+    assert files == {"index.html", "figure.png", "sweep.parquet", "sweep.csv", "sweep.json", RESULTS_FOLDER}
 
 
 def test_same_command_shows_the_table_without_simulating(
@@ -172,7 +172,7 @@ def test_same_command_shows_the_table_without_simulating(
     assert "its file has no [tendon] section" in done.stdout
     assert "8 of 16 cases failed" in done.stdout
     assert "reference" in done.stdout
-    assert "Sweep folder: s  (sweep.csv, sweep.json, sweep.parquet)" in done.stdout
+    assert "Sweep folder: s  (index.html, sweep.csv, sweep.json, sweep.parquet)" in done.stdout
 
 
 @pytest.mark.usefixtures("in_process_runner")

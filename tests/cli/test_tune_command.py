@@ -129,7 +129,7 @@ def test_search_at_another_speed_on_a_slope_states_that_its_target_is_assumed(tm
         (["--reference", "nobody"], "reference nobody cannot be read"),
         (["--stride-time", "1"], "a stride time requires a reference file"),
         (["--height", "1.8"], "there is no option --height"),
-        (["--weight", "air"], "--weight is 'air'; allowed: a term and a number, such as air=0.5"),
+        (["--weight", "air"], "--weight is 'air'; allowed: a name and a number, such as air=0.5"),
         (["--weight", "oil=1"], "the objective has no term 'oil' to weight"),
         (["--also", "damper.colour"], "has no number 'damper.colour'"),
         (["--profile", "none.csv"], "pressure profile none.csv cannot be read"),
