@@ -13,6 +13,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals, group_repeats
+from klute_sim.diagnosis.selection.naming import UNRESOLVED_REASON, find_unresolved_delay
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
 from klute_sim.types import Array
 
@@ -306,6 +307,8 @@ class ForwardSelection:
         term = after.hypothesis.terms[-1]
         if after.has_diverged or not np.isfinite(list(validation_gains.values())).all():
             return f"{term}: {DIVERGENCE_REASON}"
+        if find_unresolved_delay(self.data, after) == term:
+            return f"{term} {UNRESOLVED_REASON}"
         min_gain = MIN_VALIDATION_GAIN if self.has_misfit(before) else NO_MISFIT_GAIN_FACTOR * MIN_VALIDATION_GAIN
         if bic_gain <= self.bic_threshold:
             return (

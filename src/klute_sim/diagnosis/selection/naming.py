@@ -18,6 +18,8 @@ longest trial (assumed; a worse instrument is seen in its own calibration)."""
 MIN_DELAY_SAMPLES = 0.5
 """Shortest lag or shift of a clock that is named, in sampling intervals (assumed: between logged samples the simulation
 follows a straight line, whose corners may be off by as much)."""
+UNRESOLVED_REASON = "is shorter than half a sampling interval"
+"""Reason why such a delay is not named."""
 MAX_INSTRUMENT_LAG_S = 0.1
 """Largest plausible time constant of an instrument [s] (assumed: a filter of 1.6 Hz)."""
 
@@ -40,9 +42,20 @@ def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
             ]
             if not _is_plausible_instrument(data, term.effect, term.channel, values):
                 return f"{term} would be further off than instruments are"
-            if _is_below_resolution(data, term.effect, values):
-                return f"{term} is shorter than half a sampling interval"
-    return ""
+    unresolved = find_unresolved_delay(data, fit)
+    return f"{unresolved} {UNRESOLVED_REASON}" if unresolved else ""
+
+
+def find_unresolved_delay(data: WeightedData, fit: Fit) -> EffectTerm | None:
+    """Return a lag or shift of an instrument that is too short for the sampling of the trials; None without any."""
+    intervals = [np.median(np.diff(s.time)) for e in data.experiments for s in e.measured.values() if len(s.time) > 1]
+    shortest = MIN_DELAY_SAMPLES * float(np.median(intervals)) if intervals else 0.0
+    rows = list(zip(fit.hypothesis.parameters, fit.values, strict=True))
+    for index, term in enumerate(fit.hypothesis.terms):
+        is_delay = term.effect in (instrument.SENSOR_LAG.name, instrument.CLOCK_SKEW.name)
+        if is_delay and all(abs(value) < shortest for parameter, value in rows if parameter.term_index == index):
+            return term
+    return None
 
 
 def find_terms_at_bound(fit: Fit) -> list[EffectTerm]:
@@ -61,14 +74,6 @@ def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter
         for bound in (float(lower[index]), float(upper[index])):
             if math.isfinite(bound) and abs(float(x) - bound) < tolerance:
                 yield hypothesis.terms[parameter.term_index], parameter, bound
-
-
-def _is_below_resolution(data: WeightedData, effect: str, values: list[float]) -> bool:
-    """Return whether the delay of an instrument is too short for the sampling of the trials."""
-    if effect not in (instrument.SENSOR_LAG.name, instrument.CLOCK_SKEW.name):
-        return False
-    intervals = [np.median(np.diff(s.time)) for e in data.experiments for s in e.measured.values() if len(s.time) > 1]
-    return bool(intervals) and abs(values[0]) < MIN_DELAY_SAMPLES * float(np.median(intervals))
 
 
 def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, values: list[float]) -> bool:
