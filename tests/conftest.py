@@ -1,6 +1,7 @@
-"""Settings of all tests: no time limit for examples of hypothesis, and the longest files first.
+"""Settings of all tests: repeatable examples of hypothesis without a time limit, and the longest files first.
 
-A busy machine must not fail a test, and no worker should start a long file last.
+A busy machine must not fail a test, a change must not fail by examples that only its run drew, and no worker should
+start a long file last. ``--hypothesis-profile random`` draws new examples.
 """
 
 from collections.abc import Callable, Iterable
@@ -9,8 +10,9 @@ from typing import Any
 import hypothesis
 import pytest
 
-hypothesis.settings.register_profile("no-deadline", deadline=None)
-hypothesis.settings.load_profile("no-deadline")
+hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
+hypothesis.settings.register_profile("random", deadline=None)
+hypothesis.settings.load_profile("repeatable")
 
 LONGEST = ("test_docs.py", "test_diagnosis.py", "test_reproduce_command.py", "test_effects.py", "test_gait_command.py")
 
