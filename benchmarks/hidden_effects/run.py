@@ -90,16 +90,32 @@ def run_diagnosis(dataset: Path, exclude: tuple[str, ...], n_jobs: int) -> Verdi
         command += ["--jobs", str(n_jobs), "--out", str(Path(folder) / "found")]
         for name in exclude:
             command += ["--exclude", name]
-        start = time.perf_counter()
-        completed = subprocess.run(command, capture_output=True, text=True, check=False)
-        seconds = time.perf_counter() - start
+        completed, seconds, processor_seconds = run_measured(command)
+    times = {"s": seconds, "cpu_s": processor_seconds}
     if completed.returncode == 2:  # unreadable data is refused with one sentence
         answer = {"reasons": [completed.stderr], "effects": [], "alternatives": []}
-        return {"verdict": "insufficient-data", **answer, "s": seconds}
+        return {"verdict": "insufficient-data", **answer, **times}
     if completed.returncode != 0:
         raise RuntimeError(f"{dataset}: {completed.stderr}")
     verdict: Verdict = json.loads(completed.stdout)
-    return verdict | {"s": seconds}
+    return verdict | times
+
+
+def run_measured(command: Sequence[str]) -> tuple[subprocess.CompletedProcess[str], float, float]:
+    """Run ``command``; return it with its output, the elapsed and the processor time [s] of it and its children."""
+    with (
+        tempfile.TemporaryFile("w+", encoding="utf-8") as stdout,
+        tempfile.TemporaryFile("w+", encoding="utf-8") as stderr,
+    ):
+        start = time.perf_counter()
+        process = subprocess.Popen(command, stdout=stdout, stderr=stderr)
+        _, status, usage = os.wait4(process.pid, 0)
+        seconds = time.perf_counter() - start
+        process.returncode = os.waitstatus_to_exitcode(status)
+        stdout.seek(0)
+        stderr.seek(0)
+        completed = subprocess.CompletedProcess(command, process.returncode, stdout.read(), stderr.read())
+    return completed, seconds, usage.ru_utime + usage.ru_stime
 
 
 def load_or_compute(path: Path, compute: Callable[[], Verdict]) -> Verdict:
