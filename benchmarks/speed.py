@@ -34,12 +34,15 @@ from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.device.schema.document import SECTION_OF_EFFECT
 from klute_sim.effects import catalogue
+from klute_sim.envs.tasks.joint_task import TENDONS
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.gait.rig.learning import prepare_gait_rig
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, GaitRig, build_gait_rig, reset_gait_rig
 from klute_sim.gait.spring_foot import SpringFoot
+from klute_sim.mechanism.assembly import prepare_actuator
 from klute_sim.plant import callbacks, models
+from klute_sim.plant.mjcf.model_file import load_model_file
 from klute_sim.provenance import collect_versions
 from klute_sim.walker.person.body import load_body
 from klute_sim.walker.person.build import Prosthesis, build_walker_model
@@ -51,7 +54,7 @@ from klute_sim.walker.simulation.walk import Walk
 DEVICE = load_device(DEFAULT_DEVICE)
 VALVE_DEVICE = load_device("klute-1-1-4-pair-valve")
 ENVIRONMENT_ID, BENCH_ID = "klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0"
-WALK_ID = "klute_sim/AnkleWalk-v0"
+WALK_ID, JOINT_ID = "klute_sim/AnkleWalk-v0", "klute_sim/AntagonistJoint-v0"
 STEPS_PER_CALL = 20
 
 
@@ -65,17 +68,18 @@ class SpeedRatio(NamedTuple):
     met: bool
 
 
-def compile_with_muscle(spec: mujoco.MjSpec, actuator: str) -> mujoco.MjModel:
-    """Return ``spec`` compiled with MuJoCo's built-in muscle in place of the device."""
-    muscle = spec.actuator(actuator)
-    muscle.dyntype = mujoco.mjtDyn.mjDYN_MUSCLE
-    muscle.gaintype = mujoco.mjtGain.mjGAIN_MUSCLE
-    muscle.biastype = mujoco.mjtBias.mjBIAS_MUSCLE
-    muscle.actdim = 1
-    muscle.dynprm[:3] = [0.01, 0.04, 0.0]
-    shape = [0.75, 1.05, 3000.0, 200.0, 0.5, 1.6, 1.5, 1.3, 1.2]
-    muscle.gainprm[:9] = muscle.biasprm[:9] = shape
-    muscle.lengthrange = [0.3, 0.4]
+def compile_with_muscle(spec: mujoco.MjSpec, *actuators: str) -> mujoco.MjModel:
+    """Return ``spec`` compiled with MuJoCo's built-in muscle in place of each device."""
+    for actuator in actuators:
+        muscle = spec.actuator(actuator)
+        muscle.dyntype = mujoco.mjtDyn.mjDYN_MUSCLE
+        muscle.gaintype = mujoco.mjtGain.mjGAIN_MUSCLE
+        muscle.biastype = mujoco.mjtBias.mjBIAS_MUSCLE
+        muscle.actdim = 1
+        muscle.dynprm[:3] = [0.01, 0.04, 0.0]
+        shape = [0.75, 1.05, 3000.0, 200.0, 0.5, 1.6, 1.5, 1.3, 1.2]
+        muscle.gainprm[:9] = muscle.biasprm[:9] = shape
+        muscle.lengthrange = [0.3, 0.4]
     return spec.compile()
 
 
@@ -290,6 +294,46 @@ def measure_environment_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[st
     return found, {"environment_steps_per_cpu_second": rate}
 
 
+def measure_joint_ratios(n_rounds: int) -> list[SpeedRatio]:
+    """Compare a joint with two devices, and its environment, with the same joint with two built-in muscles."""
+    count, env = 500, gymnasium.make(JOINT_ID)
+    model = env.unwrapped.model  # type: ignore[attr-defined]
+    spec = load_model_file("antagonist_joint").make_spec()
+    spec.option.timestep = model.opt.timestep
+    muscles = compile_with_muscle(spec, *(prepare_actuator(spec, name) for name in TENDONS))
+    # The environment fits the origins of the tendons to the devices and stops the tendons at their longest.
+    for name in ("site_pos", "tendon_range", "tendon_limited"):
+        getattr(muscles, name)[:] = getattr(model, name)
+
+    def move(rig: mujoco.MjModel, max_command: float) -> None:
+        env.reset(seed=0)
+        begin, data = env.unwrapped.data, mujoco.MjData(rig)  # type: ignore[attr-defined]
+        data.qpos[:] = begin.qpos
+        if rig is model:
+            data.act[:] = begin.act
+        for k in range(count):
+            swing = 0.3 * np.sin(0.05 * k)
+            data.ctrl[:] = max_command * np.array([0.4 + swing, 0.4 - swing])
+            mujoco.mj_step(rig, data, STEPS_PER_CALL)
+
+    def ours() -> None:
+        with callbacks.device_callbacks("compiled"):
+            move(model, 5.0)
+
+    def steps() -> None:
+        env.reset(seed=0)
+        for k in range(count):
+            swing = 0.6 * np.sin(0.05 * k)
+            env.step(np.array([-0.2 + swing, -0.2 - swing], dtype=np.float32))
+
+    _, rig, environment = measure_interleaved(n_rounds, measure_cpu_time, lambda: move(muscles, 1.0), ours, steps)
+    against = "same joint, two built-in muscles"
+    return [
+        SpeedRatio("joint with two devices: steps per CPU second", against, 1 / rig, ">= 0.9", 1 / rig >= 0.9),
+        SpeedRatio("joint environment: steps per CPU second", f"bare mj_step, {against}", 1 / environment, "", True),
+    ]
+
+
 def measure_walk_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[str, float]]:
     """Compare environment steps of a predicted walk with the same walk in compiled code alone, and with a batch."""
     walker, machine, many, per_env = load_walker("machine-1"), load_default_state_machine(), 16, 32
@@ -411,6 +455,7 @@ def main() -> None:
         lambda: [measure_gait_ratio(max(3, rounds // 2))],
         lambda: measure_run_ratios(max(3, rounds // 3)),
         lambda: measure_environment_ratios(max(3, rounds // 3)),
+        lambda: measure_joint_ratios(max(3, rounds // 3)),
         lambda: measure_walk_ratios(max(3, rounds // 3)),
         lambda: measure_rollout_ratios(rounds),
     ]

@@ -1,6 +1,6 @@
 """Environments of a task whose controls of an interval are known at its beginning: single, and as a batch."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -20,6 +20,16 @@ from klute_sim.errors import SimulationError
 from klute_sim.plant import callbacks
 from klute_sim.rendering.frames import RenderOptions
 from klute_sim.types import Array, Mask
+
+
+def iter_segments(controls: Array, max_count: int) -> Iterator[tuple[int, int]]:
+    """Yield the first step and the number of steps, at most ``max_count``, of segments with constant ``controls``."""
+    changes = np.any(controls[1:] != controls[:-1], axis=1)
+    start = 0
+    for step in range(1, len(controls) + 1):
+        if step == len(controls) or changes[step - 1] or step - start == max_count:
+            yield start, step - start
+            start = step
 
 
 class ScheduledTaskEnv(DeviceEnv):
@@ -44,17 +54,18 @@ class ScheduledTaskEnv(DeviceEnv):
 
     def _advance(self, action: Array) -> Step:
         actions, acts = action[None], []
+        controls, recorder = self._task.schedule_controls(actions, SINGLE_MASK)[0], self._task.step_recorder
         with callbacks.device_callbacks(self._backend, is_isolated=True):
             try:
-                for control in self._task.schedule_controls(actions, SINGLE_MASK)[0]:
-                    self.data.ctrl[:] = control
-                    callbacks.step_model(self.model, self.data)
+                for start, count in iter_segments(controls, 1 if recorder is not None else len(controls)):
+                    self.data.ctrl[:] = controls[start]
+                    callbacks.step_model(self.model, self.data, count)
                     acts.append(self.data.act.copy())
             except SimulationError:
                 # Under either law, a failed device ends the episode.
                 self.data.act[self._task.failure_address] = np.nan
-        if self._task.step_recorder is not None:
-            self._task.step_recorder(SINGLE_MASK, np.reshape(acts, (1, -1, self.model.na)))
+        if recorder is not None:
+            recorder(SINGLE_MASK, np.reshape(acts, (1, -1, self.model.na)))
         step = self._task.evaluate(actions, self._read_states(), SINGLE_MASK)
         return (
             self._task.observations[0],
