@@ -159,6 +159,19 @@ def test_nothing_at_a_bound_and_no_absurd_instrument_is_named() -> None:
     simulator.close()
 
 
+def test_exponent_of_an_isothermal_change_is_no_obstacle_to_a_name() -> None:
+    trials = make_repeats([np.linspace(0.0, 500.0, 100)] * 2)
+    simulator = Simulator(1)
+    data = WeightedData(simulator, trials, {})
+    fit = make_fit((EffectTerm("volume_coupling", "polytropic"),), [1.0, 0.0])
+    exponent = fit.hypothesis.parameters[-1]
+    for value, obstacle in ((1.0, ""), (1.2, ""), (1.4, "")):
+        x = np.array([*fit.x[:-1], exponent.normalize(value)])
+        assert find_naming_obstacle(data, replace(fit, x=x)) == obstacle
+    assert "'recovery_s' at its bound" in find_naming_obstacle(data, make_fit(fit.hypothesis.terms, [0.0, 0.1]))
+    simulator.close()
+
+
 @pytest.mark.parametrize("effect", ["clock_skew", "sensor_lag"])
 def test_delay_below_half_a_sampling_interval_is_not_named(effect: str) -> None:
     trials = make_repeats([np.linspace(0.0, 500.0, 100)] * 2)

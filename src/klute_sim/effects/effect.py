@@ -83,6 +83,8 @@ class EffectParameter:
     """Value of a magnitude that occurs in practice."""
     source: str
     """Source of range and typical value; begins with 'assumed' if neither is published."""
+    has_physical_limits: bool = False
+    """Whether the range ends where physics does, as between isothermal and adiabatic: a fit may end there, too."""
 
     @property
     def name(self) -> str:

@@ -64,16 +64,22 @@ def find_terms_at_bound(fit: Fit) -> list[EffectTerm]:
 
 
 def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter, float]]:
-    """Yield term, parameter and normalized bound of each parameter of a term that is at its bound."""
+    """Yield term, parameter and normalized bound of each parameter of a term that is at its bound.
+
+    A limit of physics, such as the exponent of an isothermal change, is a value like others.
+    """
     hypothesis = fit.hypothesis
     lower, upper = hypothesis.bounds()
     for index, (parameter, x) in enumerate(zip(hypothesis.parameters, fit.x, strict=True)):
         if parameter.term_index is None:
             continue
+        term = hypothesis.terms[parameter.term_index]
+        if any(p.key == parameter.name and p.has_physical_limits for p in term.parameters):
+            continue
         tolerance = BOUND_TOLERANCE * min(1.0, float(upper[index] - lower[index]))
         for bound in (float(lower[index]), float(upper[index])):
             if math.isfinite(bound) and abs(float(x) - bound) < tolerance:
-                yield hypothesis.terms[parameter.term_index], parameter, bound
+                yield term, parameter, bound
 
 
 def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, values: list[float]) -> bool:

@@ -180,6 +180,7 @@ VOLUME_COUPLING = Effect(
                     upper=1.4,
                     typical=1.2,
                     source="between isothermal and adiabatic",
+                    has_physical_limits=True,
                 ),
             ),
             laws={"supply": delay_volume_compensation},
