@@ -188,7 +188,7 @@ def test_pink_noise_has_more_power_at_low_frequencies() -> None:
 
 
 def test_names_of_departures_are_present_only_where_they_show() -> None:
-    shown = setup.list_present({"cones": 2.0, "braid": 0.2, "number_error@muscle.c01_kpa": 0.7}, has_valve=False)
+    shown = setup.list_present({"cones": 2.0, "braid": 0.05, "number_error@muscle.c01_kpa": 0.7}, has_valve=False)
     assert shown == ["end_taper", "number_error@muscle.c01_kpa"]
     assert "choked_valve" in setup.list_present({}, has_valve=True)
 
