@@ -18,6 +18,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     PredictiveModel,
     PredictiveResult,
     choose_model,
+    choose_stable_model,
     divide_into_folds,
 )
 from klute_sim.diagnosis.selection.predictive_selection import screen_pairs, weight_by_law_error
@@ -51,6 +52,31 @@ def test_simplest_model_within_one_standard_error_is_chosen() -> None:
     clearly_better = make_model((FRICTION, TAPER), [0.5, 0.6, 0.4, 0.5, 0.6, 0.4])
     assert choose_model([BASE, single, clearly_better], ALL) is clearly_better
     assert choose_model([BASE], ALL) is BASE
+
+
+def test_names_that_one_fold_decides_do_not_withhold_the_others() -> None:
+    single = make_model((FRICTION,), [1.0, 1.1, 0.9, 1.0])
+    pair = make_model((FRICTION, TAPER), [0.2, 0.3, 0.1, 1.0])
+    base = make_model((), [4.0, 5.0, 4.0, 5.0])
+    assert choose_model([base, single, pair], np.arange(4)) is pair
+    chosen, stability = choose_stable_model([base, single, pair], 4)
+    assert chosen is pair  # in all refits
+    assert set(stability.values()) == {1.0}
+    base, single = make_model((), [9.0] * 4), make_model((FRICTION,), [1.0] * 4)
+    pair = make_model((FRICTION, TAPER), [0.7, 0.7, 0.95, 0.95])
+    assert choose_model([base, single, pair], np.arange(4)) is pair
+    assert choose_model([base, single, pair], np.arange(1, 4)) is single
+    chosen, stability = choose_stable_model([base, single, pair], 4)
+    assert chosen is single
+    assert stability == {FRICTION: 1.0}
+
+
+def test_model_without_any_stable_name_stays_as_it_is() -> None:
+    friction = make_model((FRICTION,), [0.5, 2.0, 0.5, 2.0])
+    taper = make_model((TAPER,), [2.0, 0.6, 2.0, 0.6])
+    chosen, stability = choose_stable_model([make_model((), [9.0] * 4), friction, taper], 4)
+    assert chosen.terms
+    assert max(stability.values()) < 0.8
 
 
 def make_result(

@@ -141,6 +141,25 @@ def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp]) -> 
     return min(good, key=lambda model: (len(model.terms), float(model.errors[folds].mean()), str(model.terms)))
 
 
+def choose_stable_model(
+    models: Sequence[PredictiveModel], n_folds: int
+) -> tuple[PredictiveModel, dict[EffectTerm, float]]:
+    """Return the choice of all folds, and in what fraction of the choices without one fold each of its terms returns.
+
+    If only some terms return in most of them, the choice is made again among models of these terms alone: what a single
+    fold decides shall not withhold a name that all of them support.
+    """
+    folds = np.arange(n_folds)
+    chosen = choose_model(models, folds)
+    again = [choose_model(models, np.delete(folds, k)).identities for k in range(n_folds)]
+    stability = {term: float(np.mean([term.identity in names for names in again])) for term in chosen.terms}
+    stable = frozenset(term.identity for term, fraction in stability.items() if fraction >= MIN_STABILITY)
+    if stable and stable != chosen.identities:
+        chosen = choose_model([model for model in models if model.identities <= stable], folds)
+        stability = {term: float(np.mean([term.identity in names for names in again])) for term in chosen.terms}
+    return chosen, stability
+
+
 def is_as_good(model: PredictiveModel, best: PredictiveModel, folds: NDArray[np.intp] | None = None) -> bool:
     """Return whether ``model`` predicts ``folds`` (all by default) within one standard error as well as ``best``."""
     differences = model.errors - best.errors

@@ -11,7 +11,8 @@ three things change:
 - *Decision*: each condition is left out once, or each specimen where there are three or more, or contiguous parts of
   the trials where there are fewer than three conditions (blocked cross-validation: Roberts et al. 2017, Ecography
   40:913). The simplest model whose error of prediction is within one standard error of the smallest is chosen (Breiman
-  et al. 1984, *Classification and Regression Trees*, section 3.4.3).
+  et al. 1984, *Classification and Regression Trees*, section 3.4.3). Its names must be chosen again without any fold;
+  those that are not are left out of it.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,7 +35,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
     PredictiveModel,
     PredictiveResult,
-    choose_model,
+    choose_stable_model,
     divide_into_folds,
     is_as_good,
     rank_model,
@@ -225,11 +226,7 @@ class PredictiveSelection:
 
     def _decide(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
         nameable = [model for model in models if not model.obstacle]
-        chosen = choose_model(nameable, np.arange(len(self.folds)))
-        again = [choose_model(nameable, np.delete(np.arange(len(self.folds)), k)) for k in range(len(self.folds))]
-        stability = {
-            term: float(np.mean([term.identity in model.identities for model in again])) for term in chosen.terms
-        }
+        chosen, stability = choose_stable_model(nameable, len(self.folds))
         rivals = [
             model
             for model in nameable
