@@ -24,7 +24,7 @@ def test_recordings_are_compared_with_their_labels() -> None:
     assert result.parts[0].differences["ankle_angle"]["after"].bias == pytest.approx(1.0)
     assert repr(result) == "ComparisonResult('before', 'after', over phase)"
     assert "ankle angle" in str(result)
-    assert "<pre>" in result._repr_html_()
+    assert "<table>" in result._repr_html_()
 
 
 def test_recordings_without_labels_are_numbered() -> None:

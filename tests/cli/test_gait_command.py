@@ -259,7 +259,7 @@ def test_api_writes_the_same_files_and_metrics_as_the_command(
     assert "ankle_work_net_j_per_kg" in gait_run.metrics
     assert repr(gait_run) == "GaitRun('klute-1-1-4-pair', 5 strides, 1.19 m/s)"
     assert "peak net moment" in str(gait_run)
-    assert "<pre>" in gait_run._repr_html_()
+    assert "<table>" in gait_run._repr_html_()
     figure = gait_run.plot()
     assert len(figure.axes) == 8
     check_figure(figure)

@@ -61,7 +61,7 @@ def test_same_walk_through_the_api_gives_the_same_bits(machine_run: tuple[Path, 
     for name in stored.channels:
         np.testing.assert_array_equal(walked.recording[name], stored[name], err_msg=name)
     assert "klute-1-1-4-pair" in repr(walked)
-    assert "<pre>" in walked._repr_html_()
+    assert "<table>" in walked._repr_html_()
 
 
 def test_table_says_what_it_is_and_what_it_is_not(tmp_path: Path) -> None:

@@ -86,7 +86,7 @@ class DiagnosisResult(Printable):
                 channel=entry["channel"],
                 number=entry.get("number"),
                 parameters={
-                    key: ParameterEstimate(estimate["value"], (estimate["low"], estimate["high"]))
+                    key: ParameterEstimate(float(estimate["value"]), (float(estimate["low"]), float(estimate["high"])))
                     for key, estimate in entry["parameters"].items()
                 },
             )

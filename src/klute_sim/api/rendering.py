@@ -1,9 +1,8 @@
-"""Render the summary of a result (rich tables and sentences) as text, as HTML, or on a console."""
+"""Render the summary of a result (rich tables and sentences) as text or on a console."""
 
 import io
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from html import escape
 from typing import TypeAlias
 
 from rich.console import Console
@@ -28,13 +27,17 @@ class Printable(ABC):
         return render_text(self.format_summary())
 
     def _repr_html_(self) -> str:
-        return render_html(self.format_summary())
+        from klute_sim.report.run_page import render_summary
+
+        return render_summary(self.format_summary())
 
 
 def render_text(summary: Summary, width: int = TEXT_WIDTH_CHARS) -> str:
     """Return ``summary`` as plain text of at most ``width`` characters per table row; sentences stay on one line."""
     buffer = io.StringIO()
-    print_summary(Console(file=buffer, width=width, highlight=False, markup=False, emoji=False), summary)
+    # In a notebook, a console of rich displays its output instead of writing it, unless it is told otherwise.
+    console = Console(file=buffer, width=width, highlight=False, markup=False, emoji=False, force_jupyter=False)
+    print_summary(console, summary)
     return buffer.getvalue().rstrip("\n")
 
 
@@ -42,8 +45,3 @@ def print_summary(console: Console, summary: Summary) -> None:
     """Print ``summary`` on ``console``."""
     for item in summary:
         console.print(item, soft_wrap=isinstance(item, str))
-
-
-def render_html(summary: Summary) -> str:
-    """Return ``summary`` as HTML for a notebook."""
-    return f"<pre>{escape(render_text(summary))}</pre>"

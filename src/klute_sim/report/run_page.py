@@ -100,6 +100,12 @@ def write_run_page(
     write_atomically(folder / PAGE_FILE, content)
 
 
+def render_summary(summary: Iterable[Table | str]) -> str:
+    """Return the tables and sentences of ``summary`` as HTML without a page, for notebooks. Text is escaped."""
+    lead, blocks = _split_summary(summary)
+    return render_template("notebook.html", lead=lead, blocks=blocks)
+
+
 def encode_picture(path: Path) -> str:
     """Return the PNG file ``path`` in base 64."""
     return base64.b64encode(path.read_bytes()).decode("ascii")

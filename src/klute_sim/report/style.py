@@ -104,12 +104,13 @@ def use_style() -> Iterator[Callable[..., "Figure"]]:
     The function takes the height [inches] and optionally the width [inches], by default :data:`FIGURE_WIDTH_INCHES`.
     """
     import matplotlib
-    from matplotlib.figure import Figure
 
-    figures: list[Figure] = []
+    from klute_sim.report.notebook_figure import NotebookFigure
 
-    def create_figure(height: float, width: float = FIGURE_WIDTH_INCHES) -> Figure:
-        figures.append(Figure(figsize=(width, height), layout="constrained"))
+    figures: list[NotebookFigure] = []
+
+    def create_figure(height: float, width: float = FIGURE_WIDTH_INCHES) -> NotebookFigure:
+        figures.append(NotebookFigure(figsize=(width, height), layout="constrained"))
         return figures[-1]
 
     with matplotlib.rc_context(STYLE):
