@@ -1,6 +1,8 @@
 """How the site is made: ``python -m sphinx -W --keep-going -b html docs runs/site``."""
 
+import filecmp
 import re
+import shutil
 import sys
 from itertools import groupby
 from pathlib import Path
@@ -13,8 +15,13 @@ author = "The klute-sim authors"
 project_copyright = author
 release = version = __version__
 sys.path.insert(0, str(Path(__file__).parent))  # for the extension of this folder
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "formulas"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "formulas"]
 myst_enable_extensions = ["dollarmath"]
+nb_execution_mode = "force"
+nb_execution_in_temp = True  # notebooks write files
+nb_execution_raise_on_error = True
+nb_execution_timeout = 900
+nb_merge_streams = True
 html_math_renderer = "formulas"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
@@ -27,6 +34,26 @@ autodoc_preserve_defaults = (
     True  # the repr of a default such as a lambda is not Python, and signatures would stay unparsed
 )
 PAGES_OF_EFFECTS = "effects/README"
+NOTEBOOKS_FOLDER = "examples/notebooks"
+TUTORIALS_FOLDER = "tutorials"
+
+
+def _copy_notebooks(app: Any) -> None:
+    """Copy the notebooks of the repository to the pages; a copy keeps its time, so that only a new one runs again."""
+    tutorials = Path(app.srcdir) / TUTORIALS_FOLDER
+    tutorials.mkdir(exist_ok=True)
+    notebooks = {path.name: path for path in (Path(app.srcdir).parent / NOTEBOOKS_FOLDER).glob("*.ipynb")}
+    for copy in tutorials.glob("*.ipynb"):
+        if copy.name not in notebooks:
+            copy.unlink()
+    for name, notebook in notebooks.items():
+        if not ((tutorials / name).is_file() and filecmp.cmp(notebook, tutorials / name, shallow=False)):
+            shutil.copy2(notebook, tutorials / name)
+
+
+def _link_tutorials(app: Any, name: str, source: list[str]) -> None:
+    """Let links to notebooks, which work where the pages are read as files, lead to their executed copies."""
+    source[0] = re.sub(rf"\]\((?:\.\./)+{NOTEBOOKS_FOLDER}/", f"](/{TUTORIALS_FOLDER}/", source[0])
 
 
 def _list_their_pages(app: Any, name: str, source: list[str]) -> None:
@@ -62,6 +89,8 @@ def _clean_signature(
 
 def setup(app: Any) -> None:
     """Sphinx calls this."""
+    app.connect("builder-inited", _copy_notebooks)
+    app.connect("source-read", _link_tutorials)
     app.connect("source-read", _list_their_pages)
     app.connect("autodoc-process-docstring", _tables)
     app.connect("autodoc-process-signature", _clean_signature)

@@ -1,5 +1,6 @@
 """Tests of the documentation site: all pages are included, links resolve, and figures are current."""
 
+import json
 import os
 import re
 import shutil
@@ -13,6 +14,7 @@ from PIL import Image
 from tests.load_script import load_script
 
 ROOT = Path(__file__).parents[1]
+NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
 
 
 @pytest.fixture(scope="module")
@@ -52,15 +54,66 @@ def test_signatures_contain_python_only(site: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_tutorial_has_the_outputs_and_figures_of_its_notebook(site: Path, notebook: Path) -> None:
+    cells = json.loads(notebook.read_text("utf-8"))["cells"]
+    page = (site / "tutorials" / f"{notebook.stem}.html").read_text("utf-8")
+    assert page.count('class="cell docutils') == sum(cell["cell_type"] == "code" for cell in cells)
+    assert "<table" in page
+    assert "&lt;Figure" not in page
+    descriptions = {cell["metadata"]["mystnb"]["image"]["alt"] for cell in cells if "plot()" in "".join(cell["source"])}
+    figures = re.findall(r'<img alt="([^"]+)" src="\.\./(_images/[^"]+)"', page)
+    assert {text for text, _ in figures} == descriptions
+    assert len(figures) >= 1
+    for _, path in figures:
+        with Image.open(site / path) as figure:
+            assert figure.width > 500
+            assert len(figure.convert("L").getcolors()) > 10
+
+
+@pytest.mark.slow
+def test_links_to_notebooks_lead_to_the_tutorials(site: Path) -> None:
+    page = (site / "guides" / "newcomer.html").read_text("utf-8")
+    for notebook in NOTEBOOKS:
+        assert f'href="../tutorials/{notebook.stem}.html"' in page
+
+
+@pytest.mark.slow
 def test_broken_link_is_an_error(tmp_path: Path) -> None:
-    (tmp_path / "index.md").write_text("# Here\n\n[there](there.md)\n", "utf-8")
-    for name in ("conf.py", "formulas.py"):
-        shutil.copy(ROOT / "docs" / name, tmp_path)
-    shutil.copytree(ROOT / "docs" / "static", tmp_path / "static")
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", str(tmp_path), str(tmp_path / "html")]
-    completed = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "LC_ALL": "C"}, check=False)
+    completed = build_small_site(tmp_path, "# Here\n\n[there](there.md)\n")
     assert completed.returncode != 0
     assert "there.md" in completed.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", ["1 + 1", "1 / 0"])
+def test_failing_cell_of_a_notebook_is_an_error(tmp_path: Path, source: str) -> None:
+    cells = [
+        {"cell_type": "markdown", "id": "a", "metadata": {}, "source": "# Sums"},
+        {"cell_type": "code", "id": "b", "metadata": {}, "source": source, "outputs": [], "execution_count": None},
+    ]
+    notebook = {"cells": cells, "metadata": {}, "nbformat": 4, "nbformat_minor": 5}
+    (tmp_path / "examples" / "notebooks").mkdir(parents=True)
+    (tmp_path / "examples" / "notebooks" / "sums.ipynb").write_text(json.dumps(notebook), "utf-8")
+    index = "# Here\n\n[Sums](../examples/notebooks/sums.ipynb)\n\n```{toctree}\ntutorials/sums\n```\n"
+    completed = build_small_site(tmp_path, index)
+    assert (completed.returncode == 0) == (source == "1 + 1"), completed.stderr
+    if source == "1 / 0":
+        assert "sums.ipynb" in completed.stderr
+    else:
+        assert 'href="tutorials/sums.html"' in (tmp_path / "html" / "index.html").read_text("utf-8")
+
+
+def build_small_site(folder: Path, index: str) -> subprocess.CompletedProcess[str]:
+    """Build a site with the page ``index`` and the configuration of the documentation in ``folder``."""
+    docs = folder / "docs"
+    docs.mkdir()
+    (docs / "index.md").write_text(index, "utf-8")
+    for name in ("conf.py", "formulas.py"):
+        shutil.copy(ROOT / "docs" / name, docs)
+    shutil.copytree(ROOT / "docs" / "static", docs / "static")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", str(docs), str(folder / "html")]
+    return subprocess.run(command, capture_output=True, text=True, env={**os.environ, "LC_ALL": "C"}, check=False)
 
 
 @pytest.mark.parametrize("name", ["gait", "walk", "diagnose"])
