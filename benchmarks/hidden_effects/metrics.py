@@ -323,7 +323,10 @@ def _select_decisive(rows: Iterable[DatasetResult]) -> list[DatasetResult]:
     return [
         r
         for r in rows
-        if r.second_outcome is not None and r.verdict["next_experiment"]["separation_chi2"] >= MIN_DECISIVE_CHI2
+        if r.second_outcome is not None
+        and (
+            r.verdict.get("direct_measurements") or r.verdict["next_experiment"]["separation_chi2"] >= MIN_DECISIVE_CHI2
+        )
     ]
 
 

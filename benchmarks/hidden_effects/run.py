@@ -6,8 +6,8 @@
 Missing datasets are generated, every result is saved immediately, and results of the current code are reused, so the
 run can be interrupted and restarted. ``--shard 2/4`` processes the second quarter of every block, for several machines
 that share OUT. Thresholds are set on the development half; the test half is for published numbers. The ground truth is
-read only after the verdict is saved. The experiment that an `indistinguishable` verdict proposes is performed as a
-follow-up.
+read only after the verdict is saved. The decisive experiment that an `indistinguishable` verdict proposes is performed
+as a follow-up, or else its direct measurements are made.
 ``--baselines`` adds two baseline methods (:mod:`baselines`), which require ``pip install --group benchmark`` and
 exclude gait.
 """
@@ -29,8 +29,9 @@ from typing import Any
 from benchmarks.hidden_effects import follow_up, joint_follow_up, joints, walks
 from benchmarks.hidden_effects.adversary.dataset import make_dataset as make_adversary_dataset
 from benchmarks.hidden_effects.catalogue import EXACT_TWINS
+from benchmarks.hidden_effects.direct_measurement import list_refuted_names
 from benchmarks.hidden_effects.generate import make_dataset
-from benchmarks.hidden_effects.metrics import DatasetResult
+from benchmarks.hidden_effects.metrics import MIN_DECISIVE_CHI2, DatasetResult
 from benchmarks.hidden_effects.page import render_page
 from benchmarks.hidden_effects.plan import (
     ADVERSARY_BLOCK,
@@ -159,12 +160,10 @@ class BenchmarkRun:
             for method, answer in self._methods.items()
         }
         truth = json.loads(truth_file.read_text("utf-8"))
-        second_outcome = None
-        can_follow_up = spec["block"] != ADVERSARY_BLOCK  # whose rig runs no protocols of the program
-        if can_follow_up and verdict["verdict"] == "indistinguishable" and verdict["next_experiment"]:
+        second_outcome, measure_again = None, self._find_follow_up(spec, rig, dataset, truth, verdict, excluded)
+        if measure_again is not None:
             second_verdict = load_or_compute(
-                self._result_path(f"{name}_second", self._code_digests[rig]),
-                partial(self._run_follow_up, FOLLOW_UP_MAKERS[rig], dataset, truth, verdict, excluded),
+                self._result_path(f"{name}_second", self._code_digests[rig]), measure_again
             )
             second_outcome = score_follow_up(truth, second_verdict)
         own_result = DatasetResult(name, truth, verdict, score_verdict(truth, verdict), second_outcome)
@@ -177,6 +176,25 @@ class BenchmarkRun:
 
     def _result_path(self, name: str, digest: str) -> Path:
         return self._folder / "results" / f"{name}_{digest}.json"
+
+    def _find_follow_up(
+        self,
+        spec: DatasetSpec,
+        rig: str,
+        dataset: Path,
+        truth: dict[str, Any],
+        verdict: Verdict,
+        excluded: tuple[str, ...],
+    ) -> Callable[[], Verdict] | None:
+        """Return what makes and diagnoses the decisive measurement that ``verdict`` proposes; None without any."""
+        if verdict["verdict"] != "indistinguishable":
+            return None
+        can_run_protocols = spec["block"] != ADVERSARY_BLOCK and rig in FOLLOW_UP_MAKERS
+        proposal = verdict["next_experiment"]
+        if can_run_protocols and proposal and proposal["separation_chi2"] >= MIN_DECISIVE_CHI2:
+            return partial(self._run_follow_up, FOLLOW_UP_MAKERS[rig], dataset, truth, verdict, excluded)
+        refuted = list_refuted_names(truth, verdict)
+        return partial(run_diagnosis, dataset, (*excluded, *refuted), self._n_jobs) if refuted else None
 
     def _run_follow_up(
         self,

@@ -78,6 +78,13 @@ def test_candidates_exclude_effects_of_the_device(fitted_data: tuple) -> None:
     }
     assert {t.effect for t in list_candidate_terms(weighted_data, data, only=("end_taper",))} == {"end_taper"}
     assert "end_taper" not in {t.effect for t in list_candidate_terms(weighted_data, data, exclude=("end_taper",))}
+    terms = list_candidate_terms(weighted_data, data, exclude=("sensor_gain@force", "muscle.turns_per_m"))
+    assert {t.channel for t in terms if t.effect == "sensor_gain"} == {"pressure"}
+    assert "muscle.turns_per_m" not in {t.number for t in terms}
+    (number,) = list_candidate_terms(weighted_data, data, only=("number_error@muscle.turns_per_m",))
+    assert number.number == "muscle.turns_per_m"
+    with pytest.raises(InputError, match=r"'sensor_gain@froce' is no candidate.*did you mean 'sensor_gain@force'"):
+        list_candidate_terms(weighted_data, data, exclude=("sensor_gain@froce",))
     with pytest.raises(InputError, match="there is no effect 'taper'"):
         check_effect_names(load_device("klute-3-4-pair"), ("taper",), ())
     content = load_device("klute-3-4-pair").content + b"\n[effects.end_taper]\ncone_ratio = 1.0\n"

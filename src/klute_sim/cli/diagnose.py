@@ -34,14 +34,14 @@ PREDICTIONS_FILE_NAME = "predictions.json"
     multiple=True,
     metavar="EFFECT",
     shell_complete=completion.complete_effect,
-    help="Effect to test; may be repeated.  [default: all effects]",
+    help="Effect or number to test, also on one channel (sensor_gain@force); may be repeated.  [default: all]",
 )
 @click.option(
     "--exclude",
     multiple=True,
     metavar="EFFECT",
     shell_complete=completion.complete_effect,
-    help="Effect not to test; may be repeated.  [default: none]",
+    help="Effect or number not to test, also on one channel (sensor_gain@force); may be repeated.  [default: none]",
 )
 @click.option(
     "--tolerance",

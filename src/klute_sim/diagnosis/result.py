@@ -1,5 +1,6 @@
 """Result of a diagnosis, and the options of the workflow."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -11,6 +12,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.diagnosis.noise.repeats import Noise
+from klute_sim.diagnosis.planning.direct_measurements import DirectMeasurement
 from klute_sim.diagnosis.selection.equation_residuals import EquationResidual
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, SelectionStep
 from klute_sim.diagnosis.selection.localization import MisfitRegion
@@ -105,6 +107,8 @@ class Diagnosis:
     """Difference of BIC that decides between models."""
     next_experiment: dict[str, Any] | None = None
     """Experiment that would separate the equivalent models."""
+    direct_measurements: Sequence[DirectMeasurement] = ()
+    """Quantities that would separate them if they were measured directly."""
     fitted_device: Device | None = None
     """Recommended device: with its refitted numbers, and with the added effects unless test trials speak against them;
     None without a fit."""

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.planning.identifiability import INDISTINGUISHABLE_COSINE
 from klute_sim.diagnosis.rejections import list_rejections
@@ -22,7 +21,7 @@ def list_alternatives(diagnosis: Diagnosis) -> list[list[str]]:
     """Return the names of the effects of each equivalent model."""
     n_known = 0 if diagnosis.base_fit is None else len(diagnosis.base_fit.hypothesis.terms)
     models = [
-        [_format_term(term) for term in model.fit.hypothesis.terms[n_known:]] for model in diagnosis.equivalent_models
+        [term.qualified_name for term in model.fit.hypothesis.terms[n_known:]] for model in diagnosis.equivalent_models
     ]
     return [list(names) for names in dict.fromkeys(tuple(sorted(names)) for names in models)]
 
@@ -38,18 +37,13 @@ def list_indistinguishable_pairs(diagnosis: Diagnosis) -> list[list[str]]:
     candidates = diagnosis.selection_history[0].candidates
     directions = np.array([candidate.direction for candidate in candidates])
     cosines = np.abs(directions @ np.array([candidate.direction for candidate in candidates]).T)
-    names = [_format_term(candidate.term) for candidate in candidates]
+    names = [candidate.term.qualified_name for candidate in candidates]
     pairs = {
         tuple(sorted((names[i], names[k])))
         for i, k in np.argwhere(cosines > INDISTINGUISHABLE_COSINE)
         if names[i] != names[k]
     }
     return [list(pair) for pair in sorted(pairs)]
-
-
-def _format_term(term: EffectTerm) -> str:
-    owner = term.channel or term.number or term.tendon
-    return f"{term.effect}@{owner}" if owner else term.effect
 
 
 def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -92,6 +86,7 @@ def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             for channel, rms in diagnosis.channel_rms.items()
         },
         "next_experiment": diagnosis.next_experiment,
+        "direct_measurements": [measurement.to_dict() for measurement in diagnosis.direct_measurements],
         "device_file": DEVICE_FILE_NAME if diagnosis.fitted_device is not None else None,
         "recommended": _name_recommended_device(diagnosis),
     }
@@ -122,10 +117,10 @@ def _describe_prediction(prediction: PredictiveResult) -> dict[str, Any]:
         "left_out": prediction.fold_kind,
         "folds": prediction.n_folds,
         "share": round(prediction.share, 4),
-        "stability": {_format_term(term): round(value, 3) for term, value in prediction.stability.items()},
+        "stability": {term.qualified_name: round(value, 3) for term, value in prediction.stability.items()},
         "models": [
             {
-                "effects": [_format_term(term) for term in model.terms],
+                "effects": [term.qualified_name for term in model.terms],
                 "squared_error": round(model.error / prediction.base.error, 4),
                 "obstacle": model.obstacle or None,
             }

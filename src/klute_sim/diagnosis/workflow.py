@@ -31,6 +31,7 @@ from klute_sim.diagnosis.imperfect_law import (
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
+from klute_sim.diagnosis.planning.direct_measurements import list_direct_measurements
 from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
 from klute_sim.diagnosis.planning.proposals import propose_experiment
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
@@ -156,6 +157,8 @@ def _run_workflow(
         has_repeats=search.has_repeats,
         bic_threshold=search.bic_threshold,
     )
+    if equivalent_models:
+        diagnosis.direct_measurements = list_direct_measurements([final_fit, *(m.fit for m in equivalent_models)])
     if equivalent_models and dataset.rig != "gait":  # nobody can command how a person walks
         progress(0.85, "searching for an experiment that separates the equivalent models")
         rival = equivalent_models[0].fit

@@ -69,6 +69,12 @@ class EffectTerm(NamedTuple):
         return self.channel or self.tendon or self.part
 
     @property
+    def qualified_name(self) -> str:
+        """The effect with its channel, number or tendon, as in ``verdict.json`` and for ``--exclude``."""
+        owner = self.channel or self.number or self.tendon
+        return f"{self.effect}@{owner}" if owner else self.effect
+
+    @property
     def effect_definition(self) -> Effect:
         """The effect in the catalogue, or the error of a number in the same shape."""
         return make_number_effect(self.number) if self.number else catalogue.get_effects()[self.effect]

@@ -6,7 +6,7 @@ only by the part that they cannot.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,7 @@ from klute_sim.diagnosis.fitting.number_error import (
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect
 from klute_sim.effects.families import instrument
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, suggest
 from klute_sim.types import Array
 
 PROBE_FRACTION = 0.3
@@ -71,9 +71,10 @@ def check_effect_names(
     """
     numbers = {NUMBER_ERROR_NAME, *device.spec.collect_values(), *model_numbers}
     for name in (*only, *exclude):
-        if name not in numbers:
-            catalogue.find_form(name, None)
-    for name in only:
+        effect = name.partition("@")[0]
+        if effect not in numbers:
+            catalogue.find_form(effect, None)
+    for name in (name.partition("@")[0] for name in only):
         if name in numbers:
             continue
         if name not in catalogue.get_named_effects():
@@ -98,12 +99,27 @@ def list_candidate_terms(
 ) -> list[EffectTerm]:
     """Return the effects of the catalogue that the device of ``dataset`` may lack and ``data`` may show.
 
-    Numbers of the device that may be wrong follow. ``only`` and ``exclude`` are names of effects or numbers.
+    Numbers of the device that may be wrong follow. ``only`` and ``exclude`` are names of effects or numbers, or of an
+    effect on one channel, number or tendon (``sensor_gain@force``). Raises InputError for such a name without a
+    candidate.
     """
+    terms = _list_all_terms(data, dataset)
+    known = {term.qualified_name for term in terms}
+    for name in (*only, *exclude):
+        if "@" in name and name not in known:
+            raise InputError(f"'{name}' is no candidate for these data; {suggest(name, known, 'see verdict.json')}")
+    return [term for term in terms if (not only or _is_among(term, only)) and not _is_among(term, exclude)]
+
+
+def _is_among(term: EffectTerm, names: Container[str]) -> bool:
+    return term.effect in names or term.qualified_name in names or (term.number is not None and term.number in names)
+
+
+def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
     device = dataset.device
     terms = []
     for effect in catalogue.get_named_effects().values():
-        if (only and effect.name not in only) or effect.name in exclude or not device.spec.can_add_effect(effect):
+        if not device.spec.can_add_effect(effect):
             continue
         if is_supply_only(data.experiments) and not acts_on_pressure(effect):
             continue
@@ -118,17 +134,11 @@ def list_candidate_terms(
             # Quantisation is detected without a simulation.
             channels = [c for c in data.noise if c in CHANNEL_UNITS and effect is not instrument.QUANTIZATION]
             terms += [EffectTerm(effect.name, effect.forms[0].name, c) for c in channels]
-    if NUMBER_ERROR_NAME in exclude:
-        return terms
     numbers = list_error_candidates(device.spec, frozenset(dataset.uncertainties))
     if is_supply_only(data.experiments):
         numbers = {key: error for key, error in numbers.items() if key.partition(".")[0] in PNEUMATIC_SECTIONS}
     model_numbers = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))
-    return terms + [
-        EffectTerm(NUMBER_ERROR_NAME, "value", number=key)
-        for key in (*numbers, *model_numbers)
-        if key not in exclude and (not only or key in only or NUMBER_ERROR_NAME in only)
-    ]
+    return terms + [EffectTerm(NUMBER_ERROR_NAME, "value", number=key) for key in (*numbers, *model_numbers)]
 
 
 def _list_mechanism_terms(effect: Effect, experiment: Experiment, dataset: Dataset) -> list[EffectTerm]:

@@ -72,6 +72,7 @@ def build_page_context(diagnosis: Diagnosis) -> dict[str, Any]:
         "reasons": [words.format_sentence(reason) for reason in d.reasons],
         "warnings": _collect_warnings(d),
         "next_experiment": d.next_experiment["sentence"] if d.next_experiment else "",
+        "direct_measurements": [measurement.to_dict()["sentence"] for measurement in d.direct_measurements],
         "effects_heading": _format_effects_heading(d),
         "effects": [_build_effect_entry(d, term) for term in d.added_terms],
         "equivalent_models": _build_equivalent_model_entries(d),

@@ -27,6 +27,8 @@ def iterate_summary(diagnosis: Diagnosis) -> Iterator[Table | str]:
         yield build_gap_table(diagnosis)
     if diagnosis.next_experiment:
         yield f"Next: {diagnosis.next_experiment['sentence']}"
+    for measurement in diagnosis.direct_measurements:
+        yield f"Direct measurement: {measurement.to_dict()['sentence']}"
     split = diagnosis.split
     counts = f"{len(split.fit)} fitted, {len(split.validation)} for validation, {len(split.test)} for the test"
     yield f"Trials: {counts}; {split.description}."

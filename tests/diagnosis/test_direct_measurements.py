@@ -1,0 +1,72 @@
+"""Direct measurements that separate equivalent models: what is worth measuring, and what it would show."""
+
+import numpy as np
+import pytest
+
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.planning.direct_measurements import (
+    DECISIVE_RATIO,
+    EFFECT_METHODS,
+    NUMBER_METHODS,
+    list_direct_measurements,
+)
+from klute_sim.effects import catalogue
+
+DEVICE = load_device("klute-3-4-pair")
+TURNS = EffectTerm("number_error", "value", number="muscle.turns_per_m")
+GAIN = EffectTerm("sensor_gain", "linear", "force")
+TAPER = EffectTerm("end_taper", "strain")
+OIL = EffectTerm("oil_temperature", "walther")
+
+
+def make_fit(*values: tuple[EffectTerm, tuple[float, ...]]) -> Fit:
+    hypothesis = Hypothesis(DEVICE, (), (("force", 3.0),), tuple(term for term, _ in values))
+    numbers = [number for _, row in values for number in row]
+    x = [p.normalize(number) for p, number in zip(hypothesis.parameters, numbers, strict=True)]
+    return Fit(hypothesis, np.array(x), np.zeros(1), np.ones((1, len(x))), True, [])
+
+
+def test_numbers_and_instruments_that_only_some_models_blame_are_measured() -> None:
+    turns = DEVICE.spec.collect_values()["muscle.turns_per_m"]
+    fits = [
+        make_fit((TAPER, (0.4,))),
+        make_fit((TURNS, (1.05 * turns,))),
+        make_fit((GAIN, (1.08,))),
+    ]
+    count, weight = list_direct_measurements(fits)
+    assert count.name == "number_error@muscle.turns_per_m"
+    assert (count.expected, count.otherwise) == pytest.approx((1.05 * turns, turns))
+    assert weight.name == "sensor_gain@force"
+    assert (weight.expected, weight.otherwise, weight.unit) == pytest.approx((1.08, 1.0, ""))
+    assert "known weight" in weight.to_dict()["sentence"]
+    assert "1.08 confirms sensor_gain@force, 1 refutes it" in weight.to_dict()["sentence"]
+
+
+def test_what_all_models_share_needs_no_measurement() -> None:
+    fits = [make_fit((GAIN, (1.08,)), (TAPER, (0.4,))), make_fit((GAIN, (1.07,)), (OIL, (40.0, 50.0)))]
+    (oil,) = list_direct_measurements(fits)
+    assert (oil.quantity, oil.expected, oil.unit) == ("temperature_c", pytest.approx(40.0), "°C")
+    assert list_direct_measurements(fits[:1]) == []
+
+
+def test_difference_below_the_accuracy_is_not_proposed() -> None:
+    accuracy = list_direct_measurements([make_fit(), make_fit((GAIN, (1.1,)))])[0].accuracy
+    for ratio, count in ((0.99 * DECISIVE_RATIO, 0), (1.01 * DECISIVE_RATIO, 1)):
+        fit = make_fit((GAIN, (1.0 - ratio * accuracy,)))
+        assert len(list_direct_measurements([make_fit(), fit])) == count
+
+
+def test_methods_belong_to_numbers_and_parameters_that_exist() -> None:
+    known = {
+        key for name in ("klute-3-4-pair", "klute-1-1-4-pair-valve") for key in load_device(name).spec.collect_values()
+    }
+    assert set(NUMBER_METHODS) <= known
+    parameters = {
+        (effect.name, p.key)
+        for effect in catalogue.get_effects().values()
+        for form in effect.forms
+        for p in form.parameters
+    }
+    assert set(EFFECT_METHODS) <= parameters
