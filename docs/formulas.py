@@ -7,9 +7,8 @@ from html import escape
 from typing import Any
 
 from matplotlib.font_manager import FontProperties
-from matplotlib.mathtext import MathTextParser
 from matplotlib.path import Path
-from matplotlib.textpath import TextPath
+from matplotlib.textpath import TextPath, text_to_path
 
 UNITS_PER_EM = 100.0
 """Size of the font in the coordinates of the SVG."""
@@ -25,7 +24,7 @@ def render_formula(source: str, *, is_block: bool = False) -> str:
     """
     font = FontProperties(family="serif", size=UNITS_PER_EM, math_fontfamily="stix")
     text = f"${' '.join(source.split())}$"
-    width, height, depth, *_ = MathTextParser("path").parse(text, dpi=72.0, prop=font)
+    width, height, depth, *_ = text_to_path.mathtext_parser.parse(text, text_to_path.DPI, font)
     path = TextPath((0.0, 0.0), text, prop=font)
     ems = {name: f"{value / UNITS_PER_EM:.3f}em" for name, value in (("w", width), ("h", height), ("d", depth))}
     place = "" if is_block else f"; vertical-align: -{ems['d']}"

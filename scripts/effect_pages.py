@@ -34,6 +34,7 @@ from klute_sim.effects.effect import Effect
 from klute_sim.report.diagnosis.text import join_words
 from klute_sim.report.effects import figures as effects_figures
 from klute_sim.report.effects import text as words
+from klute_sim.report.effects.formulas import format_equation
 from klute_sim.types import ProgressCallback
 
 COMMAND = "python scripts/effect_pages.py docs/effects"
@@ -151,7 +152,7 @@ def _render_page(effect: Effect, data: dict[str, Any]) -> str:
     text = f"{GENERATED_MARK}\n# {effect.name}\n\n{effect.description}\n\n{words.describe_kind(description)}\n"
     for number, form in enumerate(description["forms"]):
         default_note = words.format_default_note(number, description["forms"])
-        text += f"\n## Form {form['name']}{default_note}\n\n```\n{form['equation']}\n```\n\n"
+        text += f"\n## Form {form['name']}{default_note}\n\n{format_equation(form['equation'])}\n\n"
         text += f"{words.describe_hooks(form)}\n\n"
         text += _render_table(
             words.PARAMETER_HEADINGS, [words.format_parameter_cells(row) for row in form["parameters"]]
@@ -249,7 +250,8 @@ def _render_index(data: dict[str, Any]) -> str:
     return f"""{GENERATED_MARK}
 # The catalogue of effects
 
-[Effects](../effects.md) explains how to use them. The first form is the default.
+[Effects](../effects.md) explains how to use them. The first form is the default. In equations, $\\Delta F$ is what the
+effect adds to the tension $F$.
 
 {_render_table(("effect", "kind", "forms", "description"), rows)}
 ## Indistinguishable effects

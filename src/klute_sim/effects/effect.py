@@ -103,7 +103,7 @@ class EffectForm:
     name: str
     """Name in device files."""
     equation: str
-    """Equation in one line."""
+    """Equation in one line, written as :mod:`klute_sim.report.effects.formulas` reads it."""
     parameters: tuple[EffectParameter, ...]
     """Parameters; the first one has a neutral value."""
     laws: Mapping[str, Callable[..., Any]] = field(default_factory=dict)

@@ -131,13 +131,13 @@ CHOKED_VALVE = Effect(
     forms=(
         EffectForm(
             name="symmetric",
-            equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b), C the same both ways; pV = mRT",
+            equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b), C the same both ways; p V = m R T",
             parameters=(_make_resistance_parameter("resistance_s_bar_per_dm3"), _CRITICAL_RATIO),
             laws={"supply": choke_symmetric},
         ),
         EffectForm(
             name="asymmetric",
-            equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b), C to fill, C over the factor to exhaust; pV = mRT",
+            equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b), C to fill, C over the factor to exhaust; p V = m R T",
             parameters=(
                 _make_resistance_parameter("fill_resistance_s_bar_per_dm3"),
                 EffectParameter(

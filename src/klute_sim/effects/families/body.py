@@ -158,7 +158,7 @@ MOMENT_ARM_ERROR = Effect(
     forms=(
         _make_form(
             "insertion",
-            "insertion = gain (nominal insertion)",
+            "insertion = gain insertion_0",
             scale_insertion,
             EffectParameter(
                 key="gain",
@@ -178,7 +178,7 @@ INERTIA_ERROR = Effect(
     forms=(
         _make_form(
             "mass",
-            "m and I = gain (nominal values)",
+            "m = gain m_0, I = gain I_0",
             scale_mass,
             EffectParameter(
                 key="gain",

@@ -70,7 +70,7 @@ DISCHARGE_LOSS = Effect(
     forms=(
         EffectForm(
             name="constant",
-            equation="orifice force / Cd^2",
+            equation="orifice force / C_d^2",
             parameters=(
                 EffectParameter(
                     key="discharge_coefficient",
@@ -93,7 +93,7 @@ LAMINAR_ORIFICE = Effect(
     forms=(
         EffectForm(
             name="smooth",
-            equation="c v sqrt(v^2 + vc^2)",
+            equation="c v sqrt(v^2 + v_c^2)",
             parameters=(
                 EffectParameter(
                     key="transition_speed_mm_per_s",
@@ -116,7 +116,7 @@ TRAPPED_AIR = Effect(
     forms=(
         EffectForm(
             name="isothermal",
-            equation="x = e + z, F = p A = D(dz/dt), A e = Va p/(pa + p) + A h p/B",
+            equation="x = e + z, F = p A = D(dz/dt), A e = V_a p/(p_a + p) + A h p/B",
             parameters=(
                 EffectParameter(
                     key="air_volume_cm3",
@@ -186,7 +186,7 @@ OIL_TEMPERATURE = Effect(
     forms=(
         EffectForm(
             name="walther",
-            equation="c rho/rho0, vc^2 + vr^2 ((nu/nu0)^2 - 1), log log(nu + 0.7) = a - b log T",
+            equation="c rho/rho0, v_c^2 + v_r^2 ((nu/nu0)^2 - 1), log log(nu + 0.7) = a - b log T",
             parameters=(
                 EffectParameter(
                     key="temperature_c",

@@ -107,7 +107,7 @@ UNKNOWN_FORCE = Effect(
     forms=(
         EffectForm(
             name="sparse",
-            equation="F += sum of coefficient times function: p, p^2, b, b e, e, e^2, p e, p e^2, d, p d, e d, s, p s, "
+            equation="F += sum_k a_k f_k, f_k: p, p^2, b, b e, e, e^2, p e, p e^2, d, p d, e d, s, p s, "
             "s |s|; p = P/(5 bar), b = P/(P + 0.5 bar), e = (1 - L/L0)/0.25, d = v/sqrt(v^2 + (0.05 mm/s)^2), "
             "s = v/sqrt(v^2 + (100 mm/s)^2); p and e up to 2",
             parameters=(
@@ -140,8 +140,7 @@ UNKNOWN_TENDON_FORCE = Effect(
     forms=(
         EffectForm(
             name="sparse",
-            equation="F += sum of coefficient times function: x, x^2, t; x = stretch/(10 mm), up to 2, "
-            "t = stretch/(stretch + 1 mm)",
+            equation="F += sum_k a_k f_k, f_k: x, x^2, t; x = stretch/(10 mm), up to 2, t = stretch/(stretch + 1 mm)",
             parameters=(
                 _make_force_parameter("stretch_n", 40.0),
                 _make_force_parameter("stretch_squared_n", 40.0),
@@ -161,8 +160,8 @@ UNKNOWN_PRESSURE = Effect(
     forms=(
         EffectForm(
             name="sparse",
-            equation="dP/dt = (target - P)/tau, target = command + sum of coefficient times function: 1, c, c^2, and a "
-            "dead band z around it; tau = sum of coefficient times function: 1, c, f; c = command/(5 bar), up to 2, "
+            equation="dP/dt = (target - P)/tau, target = command + sum_k a_k f_k, f_k: 1, c, c^2, and the dead "
+            "band z around the command; tau = sum_k b_k g_k, g_k: 1, c, f; c = command/(5 bar), up to 2, "
             "f = 1 while P falls",
             parameters=(
                 _make_parameter("offset_bar", 2.0, 0.1),

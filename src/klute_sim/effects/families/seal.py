@@ -74,7 +74,7 @@ SEAL_FRICTION = Effect(
         ),
         EffectForm(
             name="stribeck",
-            equation="F += F_seal (1 + stick exp(-(v/vs)^2)) sign(v)",
+            equation="F += F_seal (1 + stick exp(-(v/v_s)^2)) sign(v)",
             parameters=(
                 EffectParameter(
                     key="force_n",

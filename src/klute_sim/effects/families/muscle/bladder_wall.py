@@ -75,7 +75,7 @@ THICK_WALL_BLADDER = Effect(
     forms=(
         EffectForm(
             name="mooney_rivlin",
-            equation="F += share (int 2 pi R dW/dlambda_1 dR - Vb dW/dL)",
+            equation="F += share (int 2 pi R dW/dlambda_1 dR - V_b dW/dL)",
             parameters=(
                 EffectParameter(
                     key="share",

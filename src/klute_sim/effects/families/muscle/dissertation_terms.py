@@ -45,7 +45,7 @@ BLADDER_RUBBER = Effect(
     forms=(
         EffectForm(
             name="mooney_rivlin",
-            equation="F += Vb dW/dL, W = C10 (I1 - 3) + 0.893 C10 (I2 - 3)",
+            equation="F += V_b dW/dL, W = C10 (I1 - 3) + 0.893 C10 (I2 - 3)",
             parameters=(
                 EffectParameter(
                     key="c10_kpa",

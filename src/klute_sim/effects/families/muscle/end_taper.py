@@ -73,7 +73,7 @@ END_TAPER = Effect(
     forms=(
         EffectForm(
             name="cone",
-            equation="F -= n P k L (R - R0) / (pi N^2): cones of length k (R - R0) between caps and cylinder",
+            equation="F -= n P k L (R - R0) / (pi N^2); cones of length k (R - R0) between caps and cylinder",
             parameters=(
                 EffectParameter(
                     key="cone_ratio",

@@ -42,13 +42,13 @@ THRESHOLD_PRESSURE = Effect(
     forms=(
         EffectForm(
             name="constant",
-            equation="P acts as max(0, P - Pth 10 mm/d), d = 2 R0",
+            equation="P acts as max(0, P - P_th 10 mm/d), d = 2 R0",
             parameters=(_THRESHOLD_PARAMETER,),
             laws={"acting_pressure": constant_threshold},
         ),
         EffectForm(
             name="rising",
-            equation="P acts as max(0, P - (Pth + rise (1 - L/L0)) 10 mm/d), d = 2 R0",
+            equation="P acts as max(0, P - (P_th + rise (1 - L/L0)) 10 mm/d), d = 2 R0",
             parameters=(
                 _THRESHOLD_PARAMETER,
                 EffectParameter(key="rise_bar", neutral=0.0, lower=0.0, upper=60.0, typical=10.0, source=_SOURCE),
