@@ -38,6 +38,10 @@ PRIOR_BOUND_SIGMAS = 3.0
 """Bounds of an uncertain device value, in standard deviations from its nominal value."""
 MIN_NUMBER_FRACTION = 1e-3
 """Lower limit of a positive number, as a fraction of its nominal value."""
+SPECIMEN_PREFIX = "specimen."
+"""Beginning of the name of the factor of a specimen."""
+SPECIMEN_DEVIATION = 0.05
+"""Standard deviation of the factor of a specimen (assumed: hand-made muscles of one batch)."""
 
 
 class EffectTerm(NamedTuple):
@@ -127,6 +131,8 @@ class Hypothesis:
     """Name and standard deviation of each error of the registration of a walk."""
     mechanism_numbers: tuple[tuple[str, float], ...] = ()
     """Name and nominal value of each number of a mechanism's model, and of each uncertain number of its devices."""
+    specimens: tuple[str, ...] = ()
+    """Specimens whose muscles pull by a factor more or less; each factor is fitted and 1 for specimens without data."""
 
     def with_term(self, term: EffectTerm) -> "Hypothesis":
         """Return the hypothesis with ``term`` added."""
@@ -163,6 +169,17 @@ class Hypothesis:
                     scale=deviation,
                     lower=-PRIOR_BOUND_SIGMAS * deviation,
                     upper=PRIOR_BOUND_SIGMAS * deviation,
+                )
+            )
+        for specimen in self.specimens:
+            parameters.append(
+                FitParameter(
+                    name=f"{SPECIMEN_PREFIX}{specimen}",
+                    term_index=None,
+                    initial=1.0,
+                    scale=SPECIMEN_DEVIATION,
+                    lower=1.0 - PRIOR_BOUND_SIGMAS * SPECIMEN_DEVIATION,
+                    upper=1.0 + PRIOR_BOUND_SIGMAS * SPECIMEN_DEVIATION,
                 )
             )
         for index, term in enumerate(self.terms):
@@ -205,11 +222,11 @@ class Hypothesis:
 
     @property
     def n_device_parameters(self) -> int:
-        """Number of declared uncertain numbers and registration errors.
+        """Number of declared uncertain numbers, registration errors and factors of specimens.
 
         They come first and have normal priors of mean 0 and standard deviation 1.
         """
-        return len(self.uncertainties) + len(self.registration)
+        return len(self.uncertainties) + len(self.registration) + len(self.specimens)
 
     def initial_point(self) -> Array:
         """Return the normalized parameters of the nominal device with neutral effects: (parameters,) of 0."""
@@ -232,7 +249,7 @@ class Hypothesis:
             for parameter, value in zip(self.parameters, values, strict=True)
             if (
                 parameter.term_index is None
-                and not parameter.name.startswith(REGISTRATION_PREFIX)
+                and not parameter.name.startswith((REGISTRATION_PREFIX, SPECIMEN_PREFIX))
                 and parameter.name not in other_names
             )
             or (
@@ -270,6 +287,8 @@ class Hypothesis:
         start = len(self.uncertainties)
         errors = values[start : start + len(self.registration)]
         registration = tuple(error * factor for error, factor in zip(errors, SI_FACTORS, strict=False))
+        start += len(self.registration)
+        factors = dict(zip(self.specimens, values[start : start + len(self.specimens)], strict=True))
         built: dict[tuple[str | None, str], tuple[DeviceParameters, list[BodyEdit]]] = {}  # most trials share a device
 
         def build(device: Device, tendon: str | None) -> tuple[DeviceParameters, list[BodyEdit]]:
@@ -288,13 +307,15 @@ class Hypothesis:
         for experiment in experiments:
             imperfect = tuple(sensor for sensor in sensors if sensor.channel not in experiment.trusted)
             parameters, own_body_edits = build(experiment.device, None)
+            factor = factors.get(experiment.specimen, 1.0)
+            devices = (build(device, tendon)[0] for tendon, device in experiment.devices.items())
             setups.append(
                 SimulationSetup(
-                    parameters,
+                    _scale_muscle(parameters, factor),
                     imperfect,
                     (*own_body_edits, *body_edits),
                     registration,
-                    tuple(build(device, tendon)[0] for tendon, device in experiment.devices.items()),
+                    tuple(_scale_muscle(device, factor) for device in devices),
                     tuple(experiment.correct_model_numbers(changes).items()),
                     tuple(model_effects),
                 )
@@ -346,6 +367,12 @@ def replace_values(spec: DeviceSpec, new_values: Mapping[str, float]) -> DeviceS
             content[name][key] = value
         update["effects"] = content
     return spec.model_copy(update=update)
+
+
+def _scale_muscle(parameters: DeviceParameters, factor: float) -> DeviceParameters:
+    """Return ``parameters`` with ``factor`` times as much muscle in parallel, which pulls that much more."""
+    muscle = parameters.muscle
+    return parameters._replace(muscle=muscle._replace(n_actuators=factor * muscle.n_actuators))
 
 
 def _select_effects(spec: DeviceSpec, kind: str) -> dict[tuple[str, str], dict[str, float]]:
