@@ -35,7 +35,7 @@ DIGEST_KEY = "workbench"
 
 def compute_digest() -> str:
     """Return the digest of the code that draws the figures."""
-    sources = sorted(Path(viewer.__file__).parent.glob("*.py"))
+    sources = sorted(Path(viewer.__file__).parent.rglob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in sources)).hexdigest()
 
 

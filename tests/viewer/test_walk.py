@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 import klute_sim as ks
+from klute_sim.recording.recording import Recording
 from klute_sim.viewer.folders import detect_folder_kind, ensure_recording
 from klute_sim.viewer.layouts import walk as layout
+from klute_sim.viewer.picture.rrd_reader import RrdContents, iter_views, read_rrd
 
 pytest.importorskip("rerun")
 
@@ -31,6 +33,21 @@ def test_poses_stand_on_the_ground_and_a_missing_recording_is_rebuilt(
     np.testing.assert_array_equal(positions[:, 0], walked.recording["hip_x"][frames])
     assert detect_folder_kind(folder).name == "walk"
     original = (folder / "recording.rrd").read_bytes()
+    check_legends(read_rrd(folder / "recording.rrd"), walked.recording)
     (folder / "recording.rrd").unlink()
     with ensure_recording(folder) as rebuilt:
         assert len(rebuilt.read_bytes()) == pytest.approx(len(original), rel=0.01)
+
+
+def check_legends(contents: RrdContents, recording: Recording) -> None:
+    """Assert that both legs have one legend, which lies above the lines."""
+    views = {view.name: view for view in iter_views(contents.root) if view.kind == "TimeSeries"}
+    with_legend = [name for name, view in views.items() if view.legend]
+    assert with_legend == ["hip angle [deg], flexion up", "metabolic energy since the start [J]"]
+    hip = views[with_legend[0]]
+    assert hip.legend_corner == "upper left"
+    assert hip.value_range is not None
+    low, high = hip.value_range
+    values = np.concatenate([recording["hip_angle_left"], recording["hip_angle_right"]])
+    assert low < values.min()
+    assert (values.max() - low) / (high - low) < 0.66

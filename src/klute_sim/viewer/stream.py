@@ -32,6 +32,10 @@ PALETTE: tuple[Colour, ...] = (
 
 LEGEND_BEGIN = 0.6
 """Position, as a fraction of the width of a plot, from which a legend covers it."""
+LEGEND_ROOM = 0.6
+"""Room above the lines that a legend of two rows needs, as a fraction of the range of the lines."""
+LINE_MARGIN = 0.05
+"""Room below the lines, as a fraction of their range."""
 
 
 class SeriesLine(NamedTuple):
@@ -151,12 +155,14 @@ def build_plot_view(
     name: str,
     entities: Sequence[str],
     view_range: tuple[int, int] | Span | None = None,
-    legend_corner: str | None = None,
+    legend_corner: str | None = "RightTop",
+    value_range: tuple[float, float] | None = None,
 ) -> Any:
     """Build a view of the lines of ``entities`` over the timeline.
 
     ``view_range`` is what the view shows first. It is needed for integer timelines, of which the viewer otherwise shows
-    1000 steps around the cursor. ``legend_corner`` is the corner of the legend (:func:`choose_legend_corner`).
+    1000 steps around the cursor. ``legend_corner`` is the corner of the legend (:func:`choose_legend_corner`); None:
+    the plot has no legend. ``value_range`` is the range of the vertical axis, by default that of the lines.
     """
     import rerun.blueprint as rrb
 
@@ -170,8 +176,16 @@ def build_plot_view(
         contents=[f"/{entity}" for entity in entities],
         name=name,
         axis_x=axis,
-        plot_legend=rrb.PlotLegend(legend_corner or "RightTop"),
+        axis_y=None if value_range is None else rrb.ScalarAxis(range=value_range),
+        plot_legend=rrb.PlotLegend(legend_corner, visible=legend_corner is not None),
     )
+
+
+def leave_room_for_legend(lines: Iterable[Array]) -> tuple[float, float]:
+    """Return a range of values that holds the ``lines`` and leaves room for a legend above them."""
+    values = np.concatenate(list(lines))
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    return low - LINE_MARGIN * (high - low), high + LEGEND_ROOM * (high - low)
 
 
 def choose_legend_corner(phase: Array, lines: Iterable[Array]) -> str:

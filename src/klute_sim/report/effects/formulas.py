@@ -11,25 +11,8 @@ from itertools import groupby, pairwise
 from typing import NamedTuple
 
 FUNCTION_WORDS = {
-    *(
-        "acts",
-        "and",
-        "as",
-        "at",
-        "between",
-        "by",
-        "each",
-        "follows",
-        "in",
-        "is",
-        "most",
-        "not",
-        "of",
-        "or",
-        "over",
-        "the",
-    ),
-    *("times", "to", "up", "when", "while", "within"),
+    *("acts", "and", "as", "at", "between", "by", "each", "follows", "in", "is", "most"),
+    *("not", "of", "or", "over", "the", "times", "to", "up", "when", "while", "within"),
 }
 """Words that make a clause a sentence."""
 GREEK_LETTERS = {"beta", "eta", "gamma", "lambda", "nu", "phi", "pi", "rho", "tau"}

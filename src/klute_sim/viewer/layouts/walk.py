@@ -131,6 +131,22 @@ def build_plots(recording: Recording) -> dict[str, list[tuple[str, str, Colour]]
     return plots
 
 
+def _build_plot_views(recording: Recording, span: Span) -> list[Any]:
+    """Build the plots. A single line needs no legend; the plots of the legs share that of the first, above its lines.
+
+    Curves of both legs over several strides leave no corner of a plot free.
+    """
+    views = []
+    for title, lines in build_plots(recording).items():
+        names = [name for name, _, _ in lines]
+        has_legend = len(names) > 1 and title not in [shared for shared, _ in LEG_PLOTS[1:]]
+        corner, room = None, None
+        if has_legend:
+            corner, room = "LeftTop", stream.leave_room_for_legend(recording[name] for name in names)
+        views.append(stream.build_plot_view(title, [f"channels/{name}" for name in names], span, corner, room))
+    return views
+
+
 def build_blueprint(recording: Recording) -> Any:
     """Build the layout: side view of the person on the left, plots on the right.
 
@@ -143,9 +159,5 @@ def build_blueprint(recording: Recording) -> Any:
 
     kind = recording.provenance["kind"]
     left = scene.build_view(f"person, {kind}", origin="trunk", height=-0.15, distance=3.0)
-    plots = [
-        stream.build_plot_view(title, [f"channels/{name}" for name, _, _ in lines], span)
-        for title, lines in build_plots(recording).items()
-    ]
-    right = rrb.Grid(*plots, grid_columns=2, name="walk")
+    right = rrb.Grid(*_build_plot_views(recording, span), grid_columns=2, name="walk")
     return stream.build_window_blueprint(rrb.Horizontal(left, right, column_shares=[1, 2]), TIMELINE, loop=span)

@@ -55,6 +55,8 @@ def draw_series(axis: "Axes", view: View, entities: dict[str, Entity], timeline:
             axis.fill_between(time, value - deviation, value + deviation, color=style["color"], alpha=0.25, linewidth=0)
     if view.span is not None:
         axis.set_xlim(*view.span)
+    if view.value_range is not None:
+        axis.set_ylim(*view.value_range)
     axis.axvline(cursor, color=TEXT_COLOUR, linewidth=0.5)
     axis.grid(color=GRID_COLOUR, linewidth=0.3)
     axis.tick_params(labelsize=FONT_SIZE_PT, colors=TEXT_COLOUR)
@@ -67,6 +69,7 @@ def draw_series(axis: "Axes", view: View, entities: dict[str, Entity], timeline:
         axis.legend(
             handle_by_label.values(),
             handle_by_label.keys(),
+            loc=view.legend_corner,
             fontsize=FONT_SIZE_PT,
             frameon=True,
             facecolor=BACKGROUND_COLOUR,

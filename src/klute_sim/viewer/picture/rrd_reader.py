@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from klute_sim.viewer.stream import import_rerun
 
 CONTAINER_KINDS = {1: "tabs", 2: "row", 3: "column", 4: "grid"}
 """Number that rerun gives to a kind of container -> name of the kind."""
+LegendPlace: TypeAlias = Literal["best", "upper left", "upper right", "lower left", "lower right"]
+LEGEND_CORNERS: dict[int, LegendPlace] = {1: "upper left", 2: "upper right", 3: "lower left", 4: "lower right"}
+"""Number that rerun gives to a corner -> place of a legend in matplotlib."""
 NANOSECOND = 1e-9
 """Unit of rerun's durations [s]."""
 INTERNAL_PREFIXES = ("rerun.controls", "log_tick", "log_time", "blueprint")
@@ -60,6 +63,10 @@ class View(NamedTuple):
     """Ranges of x and y of a 2-D view."""
     span: tuple[float, float] | None = None
     """Part of the timeline that a plot shows, [s] on a timeline of durations; None: all of it."""
+    value_range: tuple[float, float] | None = None
+    """Range of the vertical axis of a plot; None: that of its lines."""
+    legend_corner: LegendPlace = "best"
+    """Place of the legend in matplotlib."""
 
     def select_entities(self, entities: dict[str, Entity]) -> dict[str, Entity]:
         """Return the entities in this view."""
@@ -181,6 +188,8 @@ def _build_node(layout: dict[str, Entity], path: str, time_unit: float) -> View 
     legend = layout.get(f"{path}/PlotLegend")
     query = layout.get(f"{path}/ViewContents")
     axis = layout.get(f"{path}/TimeAxis")
+    value_axis = layout.get(f"{path}/ScalarAxis")
+    values = None if value_axis is None else _get_single(value_axis, "range")
     return View(
         kind=str(_get_single(entity, "class_identifier")),
         name=name,
@@ -189,6 +198,8 @@ def _build_node(layout: dict[str, Entity], path: str, time_unit: float) -> View 
         legend=legend is None or bool(_get_single(legend, "visible", True)),
         bounds=None if box is None else (tuple(box["x_range"]), tuple(box["y_range"])),
         span=None if axis is None else _read_span(_get_single(axis, "view_range"), time_unit),
+        value_range=None if values is None else (float(values[0]), float(values[1])),
+        legend_corner="best" if legend is None else LEGEND_CORNERS.get(_get_single(legend, "corner"), "best"),
     )
 
 
