@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from klute_sim.errors import InputError
 from klute_sim.gait import reference
@@ -13,7 +15,12 @@ from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import sources
 from klute_sim.mocap.parsing.channel_names import split_unit
-from klute_sim.mocap.parsing.single_stride import find_percent_label, unroll_single_strides
+from klute_sim.mocap.parsing.single_stride import (
+    N_FINE_ROWS,
+    find_percent_label,
+    interpolate_cycle,
+    unroll_single_strides,
+)
 from klute_sim.mocap.reference_import import import_reference
 from tests.command_line import run
 from tests.synthetic_gait import HUMAN, MASS
@@ -62,12 +69,12 @@ def unroll(path: Path, stride_time: float | None = 1.2) -> Sequence[sources.Sour
 def test_percent_columns_are_recognised(heading: str, tmp_path: Path) -> None:
     source = sources.read(write_stride(tmp_path / "stride.csv", heading=heading))
     assert find_percent_label(source) == heading
-    assert unroll(tmp_path / "stride.csv")[0].get_column("time")[50] == pytest.approx(1.2)
+    assert unroll(tmp_path / "stride.csv")[0].get_column("time")[N_FINE_ROWS] == pytest.approx(1.2)
 
 
 def test_fraction_of_the_cycle_counts_as_percent(tmp_path: Path) -> None:
     (source,) = unroll(write_stride(tmp_path / "stride.csv", heading="gait cycle", end=1.0))
-    assert source.get_column("time")[25] == pytest.approx(0.6)
+    assert source.get_column("time")[N_FINE_ROWS // 2] == pytest.approx(0.6)
 
 
 def test_a_file_with_times_is_no_single_stride(tmp_path: Path) -> None:
@@ -140,3 +147,40 @@ def test_command_takes_a_cadence(tmp_path: Path) -> None:
         done = run("import", "stride.csv", "--mass", "70", *arguments, cwd=tmp_path)
         assert done.returncode == 2
         assert message in done.stderr
+
+
+@pytest.mark.parametrize("n_rows", [34, 51, 100])
+def test_coarse_stride_is_interpolated_smoothly(n_rows: int) -> None:
+    percent = np.linspace(0.0, 100.0, n_rows, endpoint=False)
+    fine = np.linspace(0.0, 100.0, 200, endpoint=False)
+
+    def curve(x: np.ndarray) -> np.ndarray:
+        angle = 2.0 * np.pi * x / 100.0
+        return 10.0 * np.sin(angle) + 3.0 * np.cos(3.0 * angle)
+
+    values = interpolate_cycle(percent, curve(percent), fine)
+    linear = np.interp(fine, np.append(percent, 100.0), np.append(curve(percent), curve(percent[:1])))
+    error, linear_error = np.abs(values - curve(fine)).max(), np.abs(linear - curve(fine)).max()
+    assert error < 0.1 * linear_error
+    kinks, true_kinks = (np.diff(np.concatenate([row, row[:2]]), 2) for row in (values, curve(fine)))
+    assert np.abs(kinks - true_kinks).max() < 0.1 * np.abs(true_kinks).max()
+
+
+@given(st.lists(st.floats(-50.0, 50.0), min_size=20, max_size=60), st.integers(0, 10))
+def test_interpolation_keeps_the_rows_and_what_is_constant(values: list[float], zeros: int) -> None:
+    rows = np.array(values)
+    rows[: zeros + 1] = 0.0  # no load in swing
+    percent = 100.0 * np.arange(len(rows)) / len(rows)
+    assert np.array_equal(interpolate_cycle(percent, rows, percent), rows)
+    fine = np.sort(np.concatenate([percent, percent[:-1] + 30.0 / len(rows)]))
+    refined = interpolate_cycle(percent, rows, fine)
+    assert refined[np.isin(fine, percent)] == pytest.approx(rows, abs=1e-9)
+    assert not refined[fine <= percent[zeros]].any()
+
+
+def test_gaps_of_a_column_stay_gaps() -> None:
+    percent = np.arange(0.0, 100.0, 2.0)
+    values = np.where((percent > 60.0) & (percent < 98.0), np.nan, percent)
+    refined = interpolate_cycle(percent, values, np.arange(0.0, 100.0, 0.5))
+    assert np.isnan(refined[125:190]).all()
+    assert refined[:120] == pytest.approx(np.arange(0.0, 60.0, 0.5))

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from klute_sim.errors import InputError
 from klute_sim.mocap.formats.c3d import GaitEvent
@@ -21,6 +22,8 @@ MAX_END_GAP_PCT = 5.0
 """Largest distance of the first and last row from 0 and 100 % (published tables may end at 98 %)."""
 MIN_ROWS = 20
 """Smallest number of rows of a stride."""
+N_FINE_ROWS = 200
+"""Number of rows to which a coarser stride is interpolated."""
 _PERCENT_WORDS = {"percent", "percentage", "pct", "%"}
 _CYCLE_WORDS = {"cycle", "phase", "stride"}
 _OTHER_WORDS = {"gait", "of", "time", "normalized", "normalised", "the"}
@@ -85,15 +88,17 @@ def _unroll(source: SourceFile, percent_label: str, stride_time: float) -> Sourc
             f"{len(percent)} rows from {percent[0] if len(percent) else 0:g} to {percent[-1] if len(percent) else 0:g}"
         )
     inside = percent < 100.0  # the row at 100 % is the next heel strike
+    rows = percent[inside]
+    fine_rows = rows if len(rows) >= N_FINE_ROWS else np.linspace(0.0, 100.0, N_FINE_ROWS, endpoint=False)
     starts = stride_time * np.arange(N_COPIES)
-    time = (starts[:, None] + stride_time * percent[inside] / 100.0).ravel()
+    time = (starts[:, None] + stride_time * fine_rows / 100.0).ravel()
 
     def read_column(label: str) -> Array:
         if label == "time":
             return time
         values = source.get_column(label)
         _check_ends(values, f"{source.path}: column '{label}'")
-        return np.tile(values[inside], N_COPIES)
+        return np.tile(interpolate_cycle(rows, values[inside], fine_rows), N_COPIES)
 
     labels = tuple(label for label in source.labels if label not in (percent_label, source.time_label))
     return replace(
@@ -104,6 +109,24 @@ def _unroll(source: SourceFile, percent_label: str, stride_time: float) -> Sourc
         events=tuple(GaitEvent(float(start), "", is_foot_strike=True) for start in starts),
         is_single_stride=True,
     )
+
+
+def interpolate_cycle(percent: Array, values: Array, fine_percent: Array) -> Array:
+    """Return ``values`` (n,) of a cycle at ``percent`` (n,), at ``fine_percent`` (m,), both in [0, 100) and increasing.
+
+    By a periodic cubic spline: straight lines between the rows of a published table would shake the rig. Between
+    two equal values, as without load in swing, nothing changes. A column with gaps keeps them, and is interpolated
+    linearly.
+    """
+    if len(percent) == len(fine_percent) and np.array_equal(percent, fine_percent):
+        return values
+    knots, closed = np.append(percent, percent[0] + 100.0), np.append(values, values[0])
+    at: Array = np.where(fine_percent < percent[0], fine_percent + 100.0, fine_percent)
+    if not np.isfinite(closed).all():
+        return np.asarray(np.interp(at, knots, closed))
+    fine = np.asarray(CubicSpline(knots, closed, bc_type="periodic")(at))
+    before = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(percent) - 1)
+    return np.where(closed[before] == closed[before + 1], closed[before], fine)
 
 
 def _check_ends(values: Array, name: str) -> None:
