@@ -28,6 +28,7 @@ from klute_sim.diagnosis.experiments.base import (
 from klute_sim.diagnosis.experiments.registration import REGISTRATION_PREFIX, SI_FACTORS
 from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers
 from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, compute_plausible_error, make_number_effect
+from klute_sim.diagnosis.fitting.specimens import SPECIMEN_DEVIATION, SPECIMEN_PREFIX, compute_factors, scale_muscle
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.parameters import Parameter
@@ -38,10 +39,6 @@ PRIOR_BOUND_SIGMAS = 3.0
 """Bounds of an uncertain device value, in standard deviations from its nominal value."""
 MIN_NUMBER_FRACTION = 1e-3
 """Lower limit of a positive number, as a fraction of its nominal value."""
-SPECIMEN_PREFIX = "specimen."
-"""Beginning of the name of the factor of a specimen."""
-SPECIMEN_DEVIATION = 0.05
-"""Standard deviation of the factor of a specimen (assumed: hand-made muscles of one batch)."""
 
 
 class EffectTerm(NamedTuple):
@@ -132,7 +129,7 @@ class Hypothesis:
     mechanism_numbers: tuple[tuple[str, float], ...] = ()
     """Name and nominal value of each number of a mechanism's model, and of each uncertain number of its devices."""
     specimens: tuple[str, ...] = ()
-    """Specimens whose muscles pull by a factor more or less; each factor is fitted and 1 for specimens without data."""
+    """Specimens whose muscles pull by a factor more or less; each factor is fitted, relative to their mean."""
 
     def with_term(self, term: EffectTerm) -> "Hypothesis":
         """Return the hypothesis with ``term`` added."""
@@ -288,7 +285,7 @@ class Hypothesis:
         errors = values[start : start + len(self.registration)]
         registration = tuple(error * factor for error, factor in zip(errors, SI_FACTORS, strict=False))
         start += len(self.registration)
-        factors = dict(zip(self.specimens, values[start : start + len(self.specimens)], strict=True))
+        factors = compute_factors(self.specimens, values[start : start + len(self.specimens)])
         built: dict[tuple[str | None, str], tuple[DeviceParameters, list[BodyEdit]]] = {}  # most trials share a device
 
         def build(device: Device, tendon: str | None) -> tuple[DeviceParameters, list[BodyEdit]]:
@@ -311,11 +308,11 @@ class Hypothesis:
             devices = (build(device, tendon)[0] for tendon, device in experiment.devices.items())
             setups.append(
                 SimulationSetup(
-                    _scale_muscle(parameters, factor),
+                    scale_muscle(parameters, factor),
                     imperfect,
                     (*own_body_edits, *body_edits),
                     registration,
-                    tuple(_scale_muscle(device, factor) for device in devices),
+                    tuple(scale_muscle(device, factor) for device in devices),
                     tuple(experiment.correct_model_numbers(changes).items()),
                     tuple(model_effects),
                 )
@@ -367,12 +364,6 @@ def replace_values(spec: DeviceSpec, new_values: Mapping[str, float]) -> DeviceS
             content[name][key] = value
         update["effects"] = content
     return spec.model_copy(update=update)
-
-
-def _scale_muscle(parameters: DeviceParameters, factor: float) -> DeviceParameters:
-    """Return ``parameters`` with ``factor`` times as much muscle in parallel, which pulls that much more."""
-    muscle = parameters.muscle
-    return parameters._replace(muscle=muscle._replace(n_actuators=factor * muscle.n_actuators))
 
 
 def _select_effects(spec: DeviceSpec, kind: str) -> dict[tuple[str, str], dict[str, float]]:
