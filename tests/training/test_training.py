@@ -363,6 +363,7 @@ def test_environments_pass_stable_baselines3_checker(recwarn: pytest.WarningsRec
         "AnkleGait-v2": {"domain_randomization": {"mass_fraction": 0.1}, "sensor_noise": 1.0},
         "AnkleBench-v0": {"task": "work"},
         "AnkleWalk-v0": {"action": "residual", "gain_noise": 0.02},
+        "AntagonistJoint-v0": {"load": 2.0},
     }
     for name, options in env_options.items():
         recwarn.clear()

@@ -153,13 +153,14 @@ def train(
 ) -> TrainingResult:
     """Train a control policy and compare it with a baseline in the same episodes.
 
-    The baseline of the gait rig is the hand-tuned profile, that of a predicted walk the base controller. The numbers of
-    a subject replace those of the configuration; ranges of its domain randomisation stay.
+    The baseline of the gait rig is the hand-tuned profile, that of a predicted walk the base controller, and that of
+    the joint a PID controller. The numbers of a subject replace those of the configuration; ranges of its domain
+    randomisation stay. The joint has no subject.
 
     Args:
         config: Path of a configuration file (TOML); None: the shipped one, or that of the training in ``folder``.
-        env: ``"gait"``, the gait rig, or ``"walk"``, a person who walks by muscles and reflexes. None: that of the
-            configuration, or the gait rig.
+        env: ``"gait"``, the gait rig, ``"walk"``, a person who walks by muscles and reflexes, or ``"joint"``, a joint
+            with two muscles. None: that of the configuration, or the gait rig.
         minutes: Total duration [min], without interruptions; None: 20, unless ``steps`` is given.
         steps: Total number of environment steps in place of ``minutes``; such a training is reproducible.
         seed: Random seed; None: 0, or that of the training in ``folder``.

@@ -12,9 +12,10 @@ from klute_sim.cli import common
 @click.command("train")
 @click.option(
     "--env",
-    type=click.Choice(["gait", "walk"]),
+    type=click.Choice(["gait", "walk", "joint"]),
     default=None,
-    help="Gait rig, or a person who walks by muscles and reflexes.  [default: gait, or as the configuration says]",
+    help="Gait rig, a person who walks by muscles and reflexes, or a joint with two muscles.  [default: gait, or as "
+    "the configuration says]",
 )
 @click.option(
     "--minutes",
@@ -70,15 +71,16 @@ def command(
     as_json: bool,
     **subject: Any,
 ) -> None:
-    """Train a control policy for walking and compare it with a baseline.
+    """Train a control policy and compare it with a baseline.
 
-    The baseline is the hand-tuned profile on the gait rig, and with --env walk the state machine.
-    After the training, policy and baseline are simulated in the same episodes. Ctrl-C stops the
-    training and keeps its checkpoint; the same command with the same --out resumes it, and with a larger --minutes
-    or --steps trains on.
+    The baseline is the hand-tuned profile on the gait rig, with --env walk the state machine, and with --env joint a
+    PID controller of the angle. After the training, policy and baseline are simulated in the same episodes. Ctrl-C
+    stops the training and keeps its checkpoint; the same command with the same --out resumes it, and with a larger
+    --minutes or --steps trains on.
 
     The subject, such as --reference, replaces that of the configuration; its domain randomisation stays. The person of
-    --env walk is always the same: of these options it takes --foot and --speed, the target.
+    --env walk is always the same: of these options it takes --foot and --speed, the target. A joint has no subject; its
+    configuration sets load and devices.
 
     Writes the configuration, the checkpoint, summary.json, index.html, figure.png and policy.npz. The last contains
     plain numbers, which klute_sim.controllers.policy evaluates with NumPy alone. Needs the optional extra 'rl'
@@ -90,6 +92,7 @@ def command(
       klute-sim train --out my-policy --minutes 40
       klute-sim train --reference my-subject --out mine
       klute-sim train --env walk --out my-walking-policy
+      klute-sim train --env joint --steps 1000000 --out my-joint-policy
       klute-sim train --show-config
     """
     from klute_sim.errors import InputError

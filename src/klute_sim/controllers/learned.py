@@ -19,8 +19,8 @@ from klute_sim.units import BAR
 
 N_OBSERVATIONS = 8
 """Number of observations that the environments give to a policy."""
-WALK_ENVIRONMENT = "klute_sim/AnkleWalk"
-"""Beginning of the name of the environment in which a policy changes a base controller of any kind."""
+GAIT_ENVIRONMENT, WALK_ENVIRONMENT = "klute_sim/AnkleGait", "klute_sim/AnkleWalk"
+"""Beginnings of the names of the environments of a prosthesis; in the second, the base may be of any kind."""
 BASES: dict[str, Callable[[], PressureProfile | StateMachine]] = {
     "machine": load_default_state_machine,
     "profile": load_default_profile,
@@ -111,10 +111,16 @@ def build_policy_controller(policy: Policy, source: str) -> PolicyController:
         action = environment.get("action", "pressure")
         residual_bar = float(environment.get("residual_bar", 1.0))
         delay_intervals = int(environment.get("sensor_delay", 0))
-        is_walk = str(policy.metadata.get("environment", "")).startswith(WALK_ENVIRONMENT)
+        name = str(policy.metadata.get("environment", GAIT_ENVIRONMENT))
+        is_walk = name.startswith(WALK_ENVIRONMENT)
         base = str(environment.get("base", "machine")) if is_walk else "profile"
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise InputError(f"policy {source} does not state its training configuration; train it again") from None
+    if not name.startswith((GAIT_ENVIRONMENT, WALK_ENVIRONMENT)):
+        raise InputError(
+            f"policy {source} was trained for {name} and controls no prosthesis; train one that does with: "
+            "klute-sim train --env gait"
+        )
     if not (0.0 <= residual_bar <= 20.0 and 0 <= delay_intervals <= 100):  # also rejects NaN
         raise InputError(
             f"policy {source} has residual_bar = {residual_bar:g} and sensor_delay = {delay_intervals}; "

@@ -15,6 +15,8 @@ from klute_sim.plant import models
 
 DIGESTED_PATHS = ("laws", "effects", "device", "plant", "controllers", "gait", "constants.py", "units.py")
 """Code and tables of the package that can change a simulated gait."""
+PATH_OF_ENVIRONMENT = {WALK_ENVIRONMENT: "walker", "klute_sim/AntagonistJoint": "mechanism"}
+"""Beginning of the Gymnasium name of an environment -> code of the package that it simulates as well."""
 POLICY_KEY = "code_sha256"
 """Key of the digest in the metadata of a policy."""
 
@@ -34,7 +36,8 @@ def compute_code_digest(*more_paths: str) -> str:
 
 def compute_policy_digest(environment: str) -> str:
     """Return the digest of the code of an ``environment`` (its Gymnasium name) in which a policy was trained."""
-    return compute_code_digest("walker") if environment.startswith(WALK_ENVIRONMENT) else compute_code_digest()
+    more_paths = [path for beginning, path in PATH_OF_ENVIRONMENT.items() if environment.startswith(beginning)]
+    return compute_code_digest(*more_paths)
 
 
 def describe_policy_code(metadata: Mapping[str, Any]) -> str:

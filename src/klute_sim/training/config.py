@@ -25,7 +25,7 @@ class TrainingConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    env: Literal["gait", "walk"] = "gait"
+    env: Literal["gait", "walk", "joint"] = "gait"
     """Environment, one of :data:`klute_sim.training.environments.TRAINING_ENVIRONMENTS`."""
     algorithm: Literal["ppo", "sac"]
     """Algorithm of Stable-Baselines3."""

@@ -1,36 +1,40 @@
 """Evaluation of a policy against the baseline of its environment, with the same random numbers."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from klute_sim.training.environments import TrainingEnvironment
+from klute_sim.training.environments import Act, TrainingEnvironment
 
 EVALUATION_SEED_OFFSET = 10**12
 """Offset between the seeds of training, which count its steps, and those of evaluation."""
-Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
-"""Policy: actions (n, 1) for observations (n, 8)."""
 
 
 def run_episodes(
     environment: TrainingEnvironment, policy: Act, options: Mapping[str, Any], n_episodes: int, seed: int
 ) -> dict[str, list[float]]:
-    """Return the return, steps and all totals of the ``environment`` of ``n_episodes`` episodes of ``policy``."""
+    """Return the return, steps, all totals and all errors of ``n_episodes`` episodes of ``policy``.
+
+    The errors of the ``environment`` are root mean squares over an episode, named ``rms_`` and their entry of ``info``.
+    """
     envs = environment.make_envs(n_episodes, **options)
     observation, _ = envs.reset(seed=seed + EVALUATION_SEED_OFFSET)
     names = ("return", "steps", *environment.totals)
     sums = {name: np.zeros(n_episodes) for name in names}
+    squares = {name: np.zeros(n_episodes) for name in environment.errors}
     active = np.ones(n_episodes, dtype=np.bool_)
     while active.any():
         observation, reward, terminated, truncated, info = envs.step(policy(observation))
         for name, value in {**info, "return": reward, "steps": np.ones(n_episodes)}.items():
             if name in sums:
                 sums[name][active] += value[active]
+            if name in squares:
+                squares[name][active] += value[active] ** 2
         active &= ~(terminated | truncated)  # episodes that have ended are stepped, too, but not counted
     envs.close()
-    return {name: values.tolist() for name, values in sums.items()}
+    rms = {f"rms_{name}": np.sqrt(values / sums["steps"]) for name, values in squares.items()}
+    return {name: values.tolist() for name, values in {**sums, **rms}.items()}
 
 
 def compare_with_baseline(
@@ -38,14 +42,8 @@ def compare_with_baseline(
 ) -> dict[str, Any]:
     """Compare ``policy`` with the baseline of the ``environment`` over ``n_episodes`` episodes."""
     policy_totals = run_episodes(environment, policy, options, n_episodes, seed)
-    residual_options = {**options, "action": "residual"}
-    baseline_totals = run_episodes(
-        environment,
-        lambda observation: np.zeros((n_episodes, 1), dtype=np.float32),
-        residual_options,
-        n_episodes,
-        seed,
-    )
+    baseline_options = {**options, **environment.baseline_options}
+    baseline_totals = run_episodes(environment, environment.make_baseline(), baseline_options, n_episodes, seed)
     gain = np.array(policy_totals["return"]) - np.array(baseline_totals["return"])
     return {
         "episodes": n_episodes,

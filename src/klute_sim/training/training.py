@@ -156,8 +156,7 @@ class Training:
 
     def export_policy(self) -> Policy:
         """Return the learned policy as plain numbers."""
-        from klute_sim.training.vec_env import OBSERVATION_SCALE
-
+        environment = self.config.training_environment
         network, is_squashed = self.model.policy, self.config.algorithm == "sac"
         modules = [network.actor.latent_pi, network.actor.mu] if is_squashed else [network.mlp_extractor.policy_net]
         linear_layers = [layer for module in modules for layer in module.modules() if hasattr(layer, "in_features")]
@@ -165,15 +164,16 @@ class Training:
             linear_layers.append(network.action_net)
         layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear_layers]
         metadata = {
-            "environment": self.config.training_environment.id,
+            "environment": environment.id,
             "config": self.config.model_dump(),
             "seed": self.progress.seed,
             "steps": self.progress.steps,
             "minutes": self.progress.minutes,
             "versions": collect_versions(),
-            POLICY_KEY: compute_policy_digest(self.config.training_environment.id),
+            POLICY_KEY: compute_policy_digest(environment.id),
         }
-        return Policy(OBSERVATION_SCALE, layers, self.config.activation, is_squashed, metadata)
+        observation_scale = np.array(environment.observation_scale, dtype=np.float32)
+        return Policy(observation_scale, layers, self.config.activation, is_squashed, metadata)
 
 
 def open_training(

@@ -12,8 +12,6 @@ from stable_baselines3.common.vec_env import VecEnv
 from klute_sim.errors import KluteSimError
 from klute_sim.training.environments import TrainingEnvironment
 
-OBSERVATION_SCALE = np.array([0.2, 2.0, 0.5, 3.0, 1.0, 3.0, 1.0, 1.0], dtype=np.float32)
-"""Typical magnitudes of the observations in walking, in their units (assumed)."""
 REWARD_SCALE = 0.03
 """Factor of the reward that the algorithm gets: about 1 - gamma, so that the value of a state is about the mean reward.
 
@@ -23,9 +21,9 @@ its errors would hide what an action changes. The returns in the learning curve 
 
 
 class TrainingVecEnv(VecEnv):  # type: ignore[misc]
-    """Vector environment with observations divided by :data:`OBSERVATION_SCALE` and rewards times :data:`REWARD_SCALE`.
+    """Vector environment with scaled observations and rewards, whose ended episodes restart in the same step.
 
-    Ended episodes restart in the same step.
+    Observations are divided by the scale of their environment, rewards multiplied by :data:`REWARD_SCALE`.
     """
 
     def __init__(self, environment: TrainingEnvironment, n_envs: int, seed: int, options: dict[str, Any]) -> None:
@@ -33,7 +31,8 @@ class TrainingVecEnv(VecEnv):  # type: ignore[misc]
         self.envs = environment.make_envs(n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **options)
         unscaled = self.envs.single_observation_space
         assert isinstance(unscaled, spaces.Box)
-        space: Any = spaces.Box(unscaled.low / OBSERVATION_SCALE, unscaled.high / OBSERVATION_SCALE, dtype=np.float32)
+        self._scale = np.array(environment.observation_scale, dtype=np.float32)
+        space: Any = spaces.Box(unscaled.low / self._scale, unscaled.high / self._scale, dtype=np.float32)
         super().__init__(n_envs, space, self.envs.single_action_space)
         self._seed: int | None = seed
         self._actions: Any = None
@@ -44,7 +43,7 @@ class TrainingVecEnv(VecEnv):  # type: ignore[misc]
         observations, _ = self.envs.reset(seed=self._seed)
         self._seed = None
         self._returns[:], self._lengths[:] = 0.0, 0
-        return observations / OBSERVATION_SCALE
+        return observations / self._scale
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Store the actions of the next :meth:`step_wait`."""
@@ -59,12 +58,12 @@ class TrainingVecEnv(VecEnv):  # type: ignore[misc]
         self._lengths += 1
         for i in np.flatnonzero(is_done).tolist():
             infos[i] = {
-                "terminal_observation": info["final_obs"][i] / OBSERVATION_SCALE,
+                "terminal_observation": info["final_obs"][i] / self._scale,
                 "TimeLimit.truncated": bool(truncated[i]),
                 "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
             }
         self._returns[is_done], self._lengths[is_done] = 0.0, 0
-        return observations / OBSERVATION_SCALE, (REWARD_SCALE * reward).astype(np.float32), is_done, infos
+        return observations / self._scale, (REWARD_SCALE * reward).astype(np.float32), is_done, infos
 
     def close(self) -> None:
         """Release the environments."""

@@ -44,6 +44,8 @@ ANGLE_ERROR_SCALE = np.radians(5.0)
 """Error of the angle at which the reward falls to exp(-1/2) [rad]."""
 SMOOTHNESS_WEIGHT = -0.05
 """Reward per squared change of the actions, summed over both."""
+REWARD_TERMS = ("reward_angle", "reward_smoothness")
+"""Terms of the reward, as ``info`` names them."""
 MAX_STORED_TARGETS = 10_000_000
 """Largest number of target angles of all simulations together."""
 
@@ -204,10 +206,9 @@ class JointTask:
         error = states.qpos[:, 0] - self._target[self._indices, self.elapsed_intervals]
         is_finite: Mask = np.isfinite(states.qpos.sum(axis=1) + states.act.sum(axis=1))
         is_valid = is_finite & mask
-        terms = {
-            "reward_angle": np.where(is_valid, np.exp(-0.5 * (error / ANGLE_ERROR_SCALE) ** 2), 0.0),
-            "reward_smoothness": np.where(is_valid, SMOOTHNESS_WEIGHT * (change[:, 0] ** 2 + change[:, 1] ** 2), 0.0),
-        }
+        angle_reward = np.where(is_valid, np.exp(-0.5 * (error / ANGLE_ERROR_SCALE) ** 2), 0.0)
+        smoothness_reward = np.where(is_valid, SMOOTHNESS_WEIGHT * (change[:, 0] ** 2 + change[:, 1] ** 2), 0.0)
+        terms = dict(zip(REWARD_TERMS, (angle_reward, smoothness_reward), strict=True))
         info = {
             "angle_error_deg": np.degrees(error),
             **{
@@ -216,8 +217,7 @@ class JointTask:
             },
         }
         truncated = mask & is_finite & (self.elapsed_intervals >= self._options.actions_per_episode)
-        reward = terms["reward_angle"] + terms["reward_smoothness"]
-        return BatchStep(reward, mask & ~is_finite, truncated, {**terms, **info})
+        return BatchStep(angle_reward + smoothness_reward, mask & ~is_finite, truncated, {**terms, **info})
 
     def _observe(self, mask: Mask, states: JointStates) -> None:
         now = self.elapsed_intervals
