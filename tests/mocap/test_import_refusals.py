@@ -20,6 +20,8 @@ from tests.mocap.motion_files import (
     write_markers,
     write_opensim,
 )
+from tests.mocap.test_single_stride import OPTIONS as SINGLE_STRIDE
+from tests.mocap.test_single_stride import write_stride
 from tests.synthetic_gait import MASS, Walker
 
 
@@ -70,6 +72,36 @@ def test_missing_data_raise_one_sentence(
         reference_import.import_reference(modify(write_opensim(tmp_path)), ImportOptions(mass=MASS))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def _rename_column(path: Path, old: str, new: str) -> Path:
+    heading, _, rest = path.read_text().partition("\n")
+    assert old in heading
+    path.write_text(heading.replace(old, new) + "\n" + rest)
+    return path
+
+
+def test_unused_columns_and_the_missing_quantity_are_named(tmp_path: Path) -> None:
+    path = write_stride(tmp_path / "lab.csv")
+    _rename_column(path, "GRF forward (N/kg)", "AP shear (N/kg)")
+    with pytest.raises(InputError) as caught:
+        reference_import.import_reference([path], SINGLE_STRIDE)
+    assert "lab.csv: no fore-aft ground reaction of the right foot" in str(caught.value)
+    assert "columns not used: 'AP shear (N/kg)'; assign them in a file for --map" in str(caught.value)
+    _rename_column(path, "AP shear (N/kg)", "AP GRF (N/kg)")
+    reference_import.import_reference([path], SINGLE_STRIDE)
+
+
+def test_quantities_still_needed_beside_the_ankle_are_named(tmp_path: Path) -> None:
+    path = write_stride(tmp_path / "lab.csv")
+    rows = [row.split(",") for row in path.read_text().splitlines()]
+    kept = [rows[0].index(label) for label in ("Gait cycle (%)", "Ankle dorsiflexion (deg)", "Ankle moment (Nm/kg)")]
+    path.write_text("\n".join(",".join(row[i] for i in kept) for row in rows) + "\n")
+    with pytest.raises(InputError) as caught:
+        reference_import.import_reference([path], SINGLE_STRIDE)
+    needed = "hip (or thigh, shank) angle, knee angle, vertical ground reaction, fore-aft ground reaction"
+    assert f"still needed for the right leg: {needed}" in str(caught.value)
+    assert "columns not used" not in str(caught.value)
 
 
 def test_missing_markers_are_named(tmp_path: Path) -> None:

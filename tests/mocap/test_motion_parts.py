@@ -187,6 +187,16 @@ def test_contact_events_are_interpolated() -> None:
         ("RightBeltSpeed", "belt_speed", "right", 1),
         ("grf_vertical", "grf_vertical", None, 1),
         ("shank_angle", "shank_angle", None, 1),
+        ("AP GRF", "grf_forward", None, 1),
+        ("Fore-aft GRF", "grf_forward", None, 1),
+        ("GRF AP", "grf_forward", None, 1),
+        ("Right anteroposterior ground reaction force", "grf_forward", "right", 1),
+        ("Anterior-posterior GRF", "grf_forward", None, 1),
+        ("vGRF", "grf_vertical", None, 1),
+        ("Vertical ground reaction force", "grf_vertical", None, 1),
+        ("GRFz", "grf_z", None, 1),
+        ("Plantarflexor moment", "ankle_moment", None, 1),
+        ("Dorsiflexion", "ankle_angle", None, 1),
     ],
 )
 def test_channel_labels_are_recognised(label: str, channel: str, side: str | None, sign: int) -> None:
@@ -194,7 +204,8 @@ def test_channel_labels_are_recognised(label: str, channel: str, side: str | Non
 
 
 OTHERS = """hip_adduction_r knee_angle_r_beta reference_ankle_angle reference_ankle_angle_sd ankle_velocity
-pelvis_tilt_moment hip_flexion_r_moment actuator_moment LeftKneeFlexionMoment subtalar_angle_r"""
+pelvis_tilt_moment hip_flexion_r_moment actuator_moment LeftKneeFlexionMoment subtalar_angle_r
+MedioLateralGRF grf_moment_x ground_reaction_point_x"""
 
 
 @pytest.mark.parametrize("label", OTHERS.split())

@@ -17,6 +17,7 @@ from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import sources
 from klute_sim.mocap.parsing.channel_names import EVENT_LABELS, SIDES, Side
 from klute_sim.mocap.parsing.checks import find_source_findings
+from klute_sim.mocap.parsing.missing_columns import describe_unused_columns
 from klute_sim.mocap.parsing.single_stride import unroll_single_strides
 from klute_sim.mocap.parsing.sources import SourceFile
 from klute_sim.mocap.strides.listed_events import use_listed_events
@@ -119,7 +120,7 @@ def import_reference(
         _compare_events(trial, [leg for leg, _ in legs], log)
         if progress is not None:
             progress(0.6 + 0.4 * (number + 1) / len(trials), "segmenting strides")
-    return _build_reference(legs, options, log)
+    return _build_reference(legs, source_files, options, log)
 
 
 def _segment_leg(leg: Leg, trial: Sequence[SourceFile], options: ImportOptions, log: ImportLog) -> list[Stride]:
@@ -176,7 +177,10 @@ def read_files(
 
 
 def _build_reference(
-    legs: Sequence[tuple[Leg, list[Stride]]], options: ImportOptions, log: ImportLog
+    legs: Sequence[tuple[Leg, list[Stride]]],
+    source_files: Sequence[SourceFile],
+    options: ImportOptions,
+    log: ImportLog,
 ) -> ImportedReference:
     strides_by_side: dict[Side, list[Stride]] = {}
     for side in SIDES:
@@ -192,7 +196,8 @@ def _build_reference(
     n_left, n_right = len(strides_by_side.get("left", ())), len(strides_by_side.get("right", ()))
     reference_side = options.side or ("left" if n_left > n_right else "right")
     if reference_side not in strides_by_side:
-        raise InputError(_explain_missing_strides(reference_side, strides_by_side, options, log))
+        unused = describe_unused_columns(source_files, options.mapping)
+        raise InputError(_explain_missing_strides(reference_side, strides_by_side, unused, options, log))
     strides = strides_by_side[reference_side]
     if len(strides_by_side) == 2 and options.side is None:
         log.add_derived(f"Side: {reference_side}, which has {len(strides)} strides (--side)")
@@ -228,19 +233,27 @@ def _build_reference(
 
 
 def _explain_missing_strides(
-    requested_side: Side, strides_by_side: Mapping[Side, Sequence[Stride]], options: ImportOptions, log: ImportLog
+    requested_side: Side,
+    strides_by_side: Mapping[Side, Sequence[Stride]],
+    unused: str,
+    options: ImportOptions,
+    log: ImportLog,
 ) -> str:
-    """Return why the leg of ``requested_side`` has no stride, and whether the other leg has strides."""
+    """Return why the leg of ``requested_side`` has no stride, and whether the other leg has strides.
+
+    If data are missing, the sentence ends with the ``unused`` columns.
+    """
     other_side: Side = "right" if requested_side == "left" else "left"
     sides = (requested_side,) if options.side else SIDES
     reasons = [sentence for sentence in log.missing if len(sides) == 2 or f" {other_side} " not in sentence]
+    unused_columns = f"; {unused}" if reasons and unused else ""
     reasons += [sentence for side in sides for sentence in log.exclusions.get(side, [])]
     reasons = reasons or ["no foot has two consecutive heel strikes"]
     leg = f" of the {requested_side} leg" if options.side else ""
     n_other = len(strides_by_side.get(other_side, ()))
     plural = "" if n_other == 1 else "s"
     advice = f"; the {other_side} leg has {n_other} stride{plural}: pass --side {other_side}" if n_other else ""
-    return f"these files contain no complete stride{leg}: {'; '.join(reasons[:3])}{advice}"
+    return f"these files contain no complete stride{leg}: {'; '.join(reasons[:3])}{unused_columns}{advice}"
 
 
 def _select_walking_speed(leg: Leg, leg_strides: Sequence[Stride]) -> float | None:

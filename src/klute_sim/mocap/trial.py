@@ -15,6 +15,7 @@ from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_names, markers
 from klute_sim.mocap.parsing.channel_lookup import find_column
 from klute_sim.mocap.parsing.channel_names import SIDES
+from klute_sim.mocap.parsing.missing_columns import describe_missing_load, describe_missing_quantities
 from klute_sim.mocap.parsing.sources import SourceFile
 
 REQUIRED_ANGLES = ("knee_angle", "ankle_angle")
@@ -38,7 +39,10 @@ def extract_legs(trial: Sequence[SourceFile], options: ImportOptions, log: Impor
                 f"{', '.join(angle_files)} have no moment and were ignored"
             )
         return _extract_legs_from_markers(trial, capture, trial_name, options, log)
-    log.add_missing(f"{trial_name}: neither knee and ankle angles of one leg nor markers were recognised")
+    log.add_missing(
+        f"{trial_name}: neither knee and ankle angles of one leg nor markers were recognised; still needed for "
+        f"{describe_missing_quantities(trial, options)}"
+    )
     return []
 
 
@@ -64,7 +68,8 @@ def _extract_legs_from_markers(
     legs = []
     for side, landmarks in landmarks_by_side.items():
         if side not in foot_loads:
-            log.add_missing(f"{trial_name}: no ground reaction of the {side} foot, so its heel strikes are unknown")
+            missing_load = describe_missing_load(trial, side, options)
+            log.add_missing(f"{trial_name}: {missing_load}, so its heel strikes are unknown")
             continue
         foot = resample_loads(foot_loads[side], landmarks.time, side, trial_name, options, log)
         angles = {

@@ -15,6 +15,7 @@ from klute_sim.mocap.parsing import channel_names, markers
 from klute_sim.mocap.parsing.channel_lookup import Column, find_column
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.markers import WalkingFrame
+from klute_sim.mocap.parsing.missing_columns import describe_missing_load
 from klute_sim.mocap.parsing.sources import SourceFile
 from klute_sim.plausibility.gait.steps import Series
 from klute_sim.types import Array
@@ -77,7 +78,8 @@ def extract_legs_from_joint_angles(
         if "knee_angle" not in side_columns or "ankle_angle" not in side_columns:
             continue
         if side not in foot_loads:
-            log.add_missing(f"{trial_name}: no ground reaction of the {side} foot, so its heel strikes are unknown")
+            missing_load = describe_missing_load(trial, side, options)
+            log.add_missing(f"{trial_name}: {missing_load}, so its heel strikes are unknown")
             continue
         leg = _build_leg(side, side_columns, body, foot_loads[side], trial_name, options, log)
         legs += [leg] if leg else []

@@ -52,7 +52,16 @@ _BRACKET_UNITS = {
 }
 """Unit in round brackets, in lower case and without spaces -> unit."""
 _TOKEN_PATTERN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_GRF_PATTERN = re.compile(r"grf", re.IGNORECASE)
 _SIDE_TOKENS: dict[str, Side] = {"left": "left", "l": "left", "right": "right", "r": "right"}
+_GROUND_REACTION_TOKENS = (frozenset({"grf"}), frozenset({"ground", "reaction"}))
+_VERTICAL_TOKENS = frozenset({"vertical", "vert", "v"})
+_FORE_AFT_TOKENS = (
+    *(frozenset({token}) for token in ("forward", "ap", "anteroposterior", "foreaft", "anterior", "posterior")),
+    *(frozenset({"fore", "aft"}), frozenset({"a", "p"}), frozenset({"antero", "posterior"})),
+    *(frozenset({"braking"}), frozenset({"propulsive"})),
+)
+"""Words of which each set names the fore-aft axis; the sign is detected, so either end of the axis will do."""
 _COMMAND_TOKENS = {"command", "commanded", "desired", "setpoint", "target"}
 _MEASUREMENT_TOKENS = {"measured", "actual", "sensor"}
 _EXCLUDED_TOKENS = frozenset(
@@ -110,7 +119,8 @@ def parse_channel_label(label: str) -> ChannelLabel | None:
     """Return the channel that ``label`` (without unit) names; None if it names none."""
     if label in POSITION_CHANNELS:  # exact names only: similar names of other programs use other axes
         return ChannelLabel(label, None, 1)
-    ordered_tokens = [token.lower() for token in _TOKEN_PATTERN.findall(label)]
+    spaced_label = _GRF_PATTERN.sub(" grf ", label)  # one word also in vGRF and GRFz
+    ordered_tokens = [token.lower() for token in _TOKEN_PATTERN.findall(spaced_label)]
     tokens = set(ordered_tokens)
     prosthesis_channel = _match_prosthesis_channel(tokens)
     if prosthesis_channel:
@@ -138,14 +148,13 @@ def _match_prosthesis_channel(tokens: set[str]) -> str:
 def _match_leg_channel(tokens: set[str]) -> tuple[str, int]:
     """Return the leg or body channel of ``tokens`` and the sign by the label; ('', 1) if there is none."""
     plantar = any("plantar" in token for token in tokens)
-    if "grf" in tokens:
-        axis = next((f"grf_{a}" for a in ("vertical", "forward", "x", "y", "z") if a in tokens), "")
-        return axis, 1
+    if any(words <= tokens for words in _GROUND_REACTION_TOKENS):
+        return _match_ground_reaction(tokens), 1
     if "belt" in tokens and "speed" in tokens:
         return BELT_SPEED, 1
     if "ankle" in tokens and "power" in tokens:
         return ANKLE_POWER, 1
-    if "ankle" in tokens and tokens & {"moment", "torque"}:
+    if ("ankle" in tokens or plantar) and tokens & {"moment", "torque"}:
         # The generalised force of OpenSim's ankle angle is positive for dorsiflexion; other programs use the opposite.
         return ANKLE_MOMENT, -1 if "angle" in tokens and not plantar else 1
     if tokens & {"moment", "torque", "force", "power", "speed"}:
@@ -156,7 +165,20 @@ def _match_leg_channel(tokens: set[str]) -> tuple[str, int]:
         for joint in ("hip", "knee", "ankle", "shank", "thigh"):
             if joint in tokens:
                 return f"{joint}_angle", -1 if plantar or "extension" in tokens else 1
+        if tokens & {"dorsiflexion", "plantarflexion"}:  # only ankles do
+            return "ankle_angle", -1 if plantar else 1
     return "", 1
+
+
+def _match_ground_reaction(tokens: set[str]) -> str:
+    """Return the channel of a ground reaction force; '' for its moment, its centre, and an unknown or lateral axis."""
+    if tokens & {"moment", "torque", "point", "cop"}:
+        return ""
+    if tokens & _VERTICAL_TOKENS:
+        return GRF_VERTICAL
+    if any(words <= tokens for words in _FORE_AFT_TOKENS):
+        return GRF_FORWARD
+    return next((f"grf_{axis}" for axis in "xyz" if axis in tokens), "")
 
 
 def parse_plate_label(label: str) -> PlateLabel | None:
