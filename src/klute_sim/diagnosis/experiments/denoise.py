@@ -1,56 +1,129 @@
 """Noise removal from prescribed channels, where it changes nothing but noise.
 
 Dry friction is history-dependent: noise on the prescribed length adds reversals and erodes the hysteresis loop, so
-inputs are denoised. Input noise biases the output; it does not average out.
+inputs are denoised. Input noise biases the output; it does not average out. A hold becomes a constant.
 
 Each sample becomes the mean of the widest window that the data allow, by the rule of intersecting confidence intervals
 (Goldenshluger and Nemirovski, Math. Methods Statist. 6:135, 1997): windows grow while their mean agrees with the means
 of all narrower windows. In a hold or a steady ramp the window is wide; at a corner the sample stays as it is.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import savgol_filter
 
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 
 WINDOW_SIZES = (5, 9, 17, 33)
 """Odd numbers of samples, to which parabolas are fitted (Savitzky and Golay, 1964)."""
+HOLD_WINDOW = 17
+"""Number of samples whose slope tells a hold from a motion, and smallest length of a hold."""
+END_WINDOW = 5
+"""Number of samples whose mean tells where a hold begins and ends."""
+MAX_SLOPE_SIGMAS = 4.0
+"""Largest slope in a hold, in its standard errors."""
+MAX_HOLD_VARIATION = 1.2
+"""Largest standard deviation of the samples of a hold, over that of the noise."""
 CONFIDENCE_SIGMAS = 2.0
 """Half width of a confidence interval, and largest change of a sample, in standard deviations of its noise."""
+MAX_CHANGE_SIGMAS = 5.0
+"""Largest change of a sample of an unevenly sampled signal, in standard deviations of its noise."""
 MAX_INTERVAL_VARIATION = 0.01
-"""Largest variation of the sampling interval, as a fraction of it."""
+"""Largest variation of the sampling interval, as a fraction of it, of a signal that counts as evenly sampled."""
+MAX_STRETCH = 4
+"""Largest number of even samples per sample of an unevenly sampled signal; a pause in a log would take any number."""
 
 
-def estimate_white_noise(value: Array) -> float:
-    """Return the standard deviation of white noise in ``value`` (n,), from third differences, in the unit of ``value``.
+def estimate_white_noise(time: Array, value: Array) -> float:
+    """Return the standard deviation of white noise in ``value`` (n,) at ``time`` [s] (n,), in the unit of ``value``.
 
-    The median makes it robust against occasional fast movements. Returns 0 for a signal without noise, or one with
-    too few digits to tell.
+    From third divided differences, which a parabola does not change however it is sampled. The median makes it robust
+    against occasional fast movements. Returns 0 for a signal without noise, or one with too few digits to tell.
     """
-    third = np.diff(value, 3)
-    return 0.0 if len(third) < 3 else float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
+    if len(value) < 4:
+        return 0.0
+    nodes = np.stack([time[k : len(time) - 3 + k] for k in range(4)])
+    differences = nodes[:, None, :] - nodes[None, :, :]
+    differences[np.arange(4), np.arange(4)] = 1.0
+    weights = 1.0 / differences.prod(axis=1)
+    third = sum(weight * value[k : len(value) - 3 + k] for k, weight in enumerate(weights))
+    scaled = np.abs(third) / np.sqrt((weights**2).sum(axis=0))
+    return float(np.median(scaled) / 0.6745)
 
 
 def denoise(time: Array, value: Array) -> Array:
     """Return ``value`` (n,), sampled at ``time`` [s] (n,), without white noise.
 
-    No sample changes by more than :data:`CONFIDENCE_SIGMAS` standard deviations of the noise. Unevenly sampled and
-    short signals are returned unchanged.
+    Outside of holds no sample changes by more than :data:`CONFIDENCE_SIGMAS` standard deviations of the noise, and in
+    holds by no more than its own noise. An unevenly sampled signal is smoothed at even times, between which it is
+    interpolated linearly, as in the simulation. A signal shorter than two windows is returned unchanged.
     """
-    deviation, steps = estimate_white_noise(value), np.diff(time)
-    if deviation == 0.0 or len(value) < 2 * WINDOW_SIZES[-1] or np.ptp(steps) > MAX_INTERVAL_VARIATION * steps.mean():
+    windows = [window for window in WINDOW_SIZES if 2 * window <= len(value)]
+    deviation = estimate_white_noise(time, value)
+    if deviation == 0.0 or not windows:
         return value
+    steps = np.diff(time)
+    if np.ptp(steps) <= MAX_INTERVAL_VARIATION * steps.mean():
+        return _smooth(value, deviation, windows)
+    n_even = min(round((time[-1] - time[0]) / float(np.median(steps))) + 1, MAX_STRETCH * len(time))
+    even = np.linspace(time[0], time[-1], max(n_even, 2 * windows[0]))
+    fitting = [window for window in windows if 2 * window <= len(even)]
+    denoised = np.interp(time, even, _smooth(np.interp(even, time, value), deviation, fitting))
+    limit = MAX_CHANGE_SIGMAS * deviation
+    return np.asarray(np.clip(denoised, value - limit, value + limit))
+
+
+def _smooth(value: Array, deviation: float, windows: Sequence[int]) -> Array:
+    """Return ``value`` (n,), evenly sampled with noise of ``deviation``, as means of the widest of ``windows``."""
     denoised = value
     min_value, max_value = value - CONFIDENCE_SIGMAS * deviation, value + CONFIDENCE_SIGMAS * deviation
     lower, upper = min_value, max_value
     agrees = np.ones(len(value), dtype=bool)
-    for window in WINDOW_SIZES:
+    for window in windows:
         mean = savgol_filter(value, window, 2, mode="interp")
         half_width = CONFIDENCE_SIGMAS * deviation * np.sqrt(_smoothing_variance_ratio(window))
         lower, upper = np.maximum(lower, mean - half_width), np.minimum(upper, mean + half_width)
         agrees &= lower <= upper
         denoised = np.where(agrees, mean, denoised)
-    return np.clip(denoised, min_value, max_value)
+    denoised = np.clip(denoised, min_value, max_value)
+    return _flatten_holds(value, denoised, deviation) if len(value) >= 2 * HOLD_WINDOW else denoised
+
+
+def _flatten_holds(value: Array, denoised: Array, deviation: float) -> Array:
+    """Return ``denoised`` with the mean of ``value`` in each hold: (n,), evenly sampled with noise of ``deviation``.
+
+    A friction force follows the direction of a motion however slow, so the last micrometres of noise would reverse it
+    all the time in a muscle that is held. A hold has no significant slope, as a whole and in each window.
+    """
+    slope = savgol_filter(value, HOLD_WINDOW, 1, deriv=1, mode="interp")
+    is_still = np.abs(slope) < MAX_SLOPE_SIGMAS * _compute_slope_error(HOLD_WINDOW, deviation)
+    local = uniform_filter1d(value, END_WINDOW)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_still, [False]]).astype(np.int8)))
+    flat = denoised.copy()
+    for begin, end in edges.reshape(-1, 2):
+        hold = value[begin:end]
+        n = len(hold)
+        if n < HOLD_WINDOW or hold.std() > MAX_HOLD_VARIATION * deviation:
+            continue
+        trend = np.polyfit(np.arange(n), hold, 1)[0]
+        if abs(trend) < MAX_SLOPE_SIGMAS * _compute_slope_error(n, deviation):
+            mean = float(hold.mean())
+            agrees = np.abs(local - mean) < CONFIDENCE_SIGMAS * deviation / np.sqrt(END_WINDOW)
+            first, last = max(0, begin - HOLD_WINDOW // 2), min(len(value), end + HOLD_WINDOW // 2)
+            flat[begin - _count_leading(agrees[first:begin][::-1]) : end + _count_leading(agrees[end:last])] = mean
+    return flat
+
+
+def _count_leading(mask: Mask) -> int:
+    """Return the number of elements before the first false one."""
+    return int(np.argmin(mask)) if not mask.all() else len(mask)
+
+
+def _compute_slope_error(n: int, deviation: float) -> float:
+    """Return the standard error of the slope per sample of a line through ``n`` samples with noise of ``deviation``."""
+    return deviation * float(np.sqrt(12.0 / (n * (n * n - 1.0))))
 
 
 def _smoothing_variance_ratio(window: int) -> float:
