@@ -9,7 +9,7 @@ from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.imperfect_law import ImperfectLawDecision, compute_jackknife_intervals, remove_specimens
+from klute_sim.diagnosis.imperfect_law import ImperfectLawDecision, compute_jackknife_intervals
 from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
 from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, compute_equation_residuals
@@ -145,7 +145,7 @@ def select_imperfect_model(
     options: DiagnosisOptions,
 ) -> FinalModel:
     """Return the model where the prediction of left-out conditions has decided for names."""
-    data, base_fit = selection.data, remove_specimens(selection.data, result.base.fit)
+    data, base_fit = selection.data, result.base.fit
     final_fit, has_converged = check_convergence(data, result.chosen.fit, np.random.default_rng(options.seed))
     equivalent_models = [
         EquivalentModel(rival.fit, _find_replaced_term(result, rival), rival.error - result.chosen.error)

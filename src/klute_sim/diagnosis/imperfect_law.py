@@ -11,17 +11,12 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
-from klute_sim.diagnosis.selection.predictive_model import (
-    MIN_SPECIMENS,
-    MIN_STABILITY,
-    PredictiveModel,
-    PredictiveResult,
-)
+from klute_sim.diagnosis.selection.predictive_model import MIN_STABILITY, PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import MIN_SHARE, PredictiveSelection, weight_by_law_error
 
 FOLD_WORDS = {"condition": "condition", "specimen": "specimen", "part": "part of the trials"}
@@ -51,7 +46,6 @@ def select_by_prediction(
     """
     data = search.data
     seen = data.with_experiments([e for e in experiments if e.use != "test" and e.measured.keys() & data.noise])
-    best_fit = fit_specimens(seen, best_fit)
     (residuals,) = seen.compute_residuals(best_fit.hypothesis, [best_fit.x])
     weighted = weight_by_law_error(data, seen.experiments, residuals)
     selection = PredictiveSelection(weighted, dict(data.noise), search.candidate_terms, report_stage)
@@ -59,31 +53,6 @@ def select_by_prediction(
     base = replace(best_fit.hypothesis, terms=())
     base_fit = fit_hypothesis(weighted, base)
     return selection, selection.run(base_fit, [best_fit.hypothesis.terms, *known])
-
-
-def fit_specimens(data: WeightedData, fit: Fit) -> Fit:
-    """Return ``fit`` with a factor for the force of each specimen, if there are enough that are nominally equal.
-
-    Specimens that are declared to differ, as by their length, may differ because the law is wrong about that: there
-    a factor for each would hide the effect (measured muscles of four lengths are predicted worse with it).
-    """
-    specimens = tuple(sorted({e.specimen for e in data.experiments if e.specimen}))
-    devices = {e.device.digest for e in data.experiments}
-    if len(specimens) < MIN_SPECIMENS or len(devices) > 1:
-        return fit
-    begin = fit.hypothesis.n_device_parameters
-    start = np.concatenate([fit.x[:begin], np.zeros(len(specimens)), fit.x[begin:]])
-    return fit_hypothesis(data, replace(fit.hypothesis, specimens=specimens), start)
-
-
-def remove_specimens(data: WeightedData, fit: Fit) -> Fit:
-    """Return ``fit`` without the factors of specimens: the device as it is refitted where nobody names anything."""
-    hypothesis = fit.hypothesis
-    if not hypothesis.specimens:
-        return fit
-    end = hypothesis.n_device_parameters
-    start = np.delete(fit.x, range(end - len(hypothesis.specimens), end))
-    return fit_hypothesis(data, replace(hypothesis, specimens=()), start)
 
 
 def find_complete_model(

@@ -106,7 +106,7 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
 
 
 def _detach_setup(fit: Fit, dataset: Dataset) -> tuple[Hypothesis, Array]:
-    """Return the hypothesis and the parameters of ``fit`` without instruments, registration and specimens."""
+    """Return the hypothesis and the parameters of ``fit`` without instruments and registration."""
     hypothesis = fit.hypothesis
     known = dataset.device.spec.collect_values()
     values = hypothesis.values(fit.x)
@@ -125,7 +125,7 @@ def _detach_setup(fit: Fit, dataset: Dataset) -> tuple[Hypothesis, Array]:
         index < n_numbers or (parameter.term_index is not None and retained[parameter.term_index])
         for index, parameter in enumerate(hypothesis.parameters)
     ]
-    return replace(hypothesis, terms=terms, registration=(), specimens=()), fit.x[is_kept]
+    return replace(hypothesis, terms=terms, registration=()), fit.x[is_kept]
 
 
 def _declare_mechanism_numbers(hypothesis: Hypothesis, dataset: Dataset) -> Hypothesis:

@@ -28,7 +28,6 @@ from klute_sim.diagnosis.experiments.base import (
 from klute_sim.diagnosis.experiments.registration import REGISTRATION_PREFIX, SI_FACTORS
 from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers
 from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, compute_plausible_error, make_number_effect
-from klute_sim.diagnosis.fitting.specimens import SPECIMEN_DEVIATION, SPECIMEN_PREFIX, compute_factors, scale_muscle
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.parameters import Parameter
@@ -128,8 +127,6 @@ class Hypothesis:
     """Name and standard deviation of each error of the registration of a walk."""
     mechanism_numbers: tuple[tuple[str, float], ...] = ()
     """Name and nominal value of each number of a mechanism's model, and of each uncertain number of its devices."""
-    specimens: tuple[str, ...] = ()
-    """Specimens whose muscles pull by a factor more or less; each factor is fitted, relative to their mean."""
 
     def with_term(self, term: EffectTerm) -> "Hypothesis":
         """Return the hypothesis with ``term`` added."""
@@ -166,17 +163,6 @@ class Hypothesis:
                     scale=deviation,
                     lower=-PRIOR_BOUND_SIGMAS * deviation,
                     upper=PRIOR_BOUND_SIGMAS * deviation,
-                )
-            )
-        for specimen in self.specimens:
-            parameters.append(
-                FitParameter(
-                    name=f"{SPECIMEN_PREFIX}{specimen}",
-                    term_index=None,
-                    initial=1.0,
-                    scale=SPECIMEN_DEVIATION,
-                    lower=1.0 - PRIOR_BOUND_SIGMAS * SPECIMEN_DEVIATION,
-                    upper=1.0 + PRIOR_BOUND_SIGMAS * SPECIMEN_DEVIATION,
                 )
             )
         for index, term in enumerate(self.terms):
@@ -219,11 +205,11 @@ class Hypothesis:
 
     @property
     def n_device_parameters(self) -> int:
-        """Number of declared uncertain numbers, registration errors and factors of specimens.
+        """Number of declared uncertain numbers and registration errors.
 
         They come first and have normal priors of mean 0 and standard deviation 1.
         """
-        return len(self.uncertainties) + len(self.registration) + len(self.specimens)
+        return len(self.uncertainties) + len(self.registration)
 
     def initial_point(self) -> Array:
         """Return the normalized parameters of the nominal device with neutral effects: (parameters,) of 0."""
@@ -246,7 +232,7 @@ class Hypothesis:
             for parameter, value in zip(self.parameters, values, strict=True)
             if (
                 parameter.term_index is None
-                and not parameter.name.startswith((REGISTRATION_PREFIX, SPECIMEN_PREFIX))
+                and not parameter.name.startswith(REGISTRATION_PREFIX)
                 and parameter.name not in other_names
             )
             or (
@@ -284,8 +270,6 @@ class Hypothesis:
         start = len(self.uncertainties)
         errors = values[start : start + len(self.registration)]
         registration = tuple(error * factor for error, factor in zip(errors, SI_FACTORS, strict=False))
-        start += len(self.registration)
-        factors = compute_factors(self.specimens, values[start : start + len(self.specimens)])
         built: dict[tuple[str | None, str], tuple[DeviceParameters, list[BodyEdit]]] = {}  # most trials share a device
 
         def build(device: Device, tendon: str | None) -> tuple[DeviceParameters, list[BodyEdit]]:
@@ -304,15 +288,13 @@ class Hypothesis:
         for experiment in experiments:
             imperfect = tuple(sensor for sensor in sensors if sensor.channel not in experiment.trusted)
             parameters, own_body_edits = build(experiment.device, None)
-            factor = factors.get(experiment.specimen, 1.0)
-            devices = (build(device, tendon)[0] for tendon, device in experiment.devices.items())
             setups.append(
                 SimulationSetup(
-                    scale_muscle(parameters, factor),
+                    parameters,
                     imperfect,
                     (*own_body_edits, *body_edits),
                     registration,
-                    tuple(scale_muscle(device, factor) for device in devices),
+                    tuple(build(device, tendon)[0] for tendon, device in experiment.devices.items()),
                     tuple(experiment.correct_model_numbers(changes).items()),
                     tuple(model_effects),
                 )
