@@ -6,8 +6,8 @@
 Missing datasets are generated, every result is saved immediately, and results of the current code are reused, so the
 run can be interrupted and restarted. ``--shard 2/4`` processes the second quarter of every block, for several machines
 that share OUT. Thresholds are set on the development half; the test half is for published numbers. The ground truth is
-read only after the verdict is saved. The decisive experiment that an `indistinguishable` verdict proposes is performed
-as a follow-up, or else its direct measurements are made.
+read only after the verdict is saved. The direct measurements that an `indistinguishable` verdict lists are made as a
+follow-up, which takes a laboratory minutes; without any, the decisive experiment that it proposes is performed.
 ``--baselines`` adds two baseline methods (:mod:`baselines`), which require ``pip install --group benchmark`` and
 exclude gait.
 """
@@ -189,12 +189,14 @@ class BenchmarkRun:
         """Return what makes and diagnoses the decisive measurement that ``verdict`` proposes; None without any."""
         if verdict["verdict"] != "indistinguishable":
             return None
+        refuted = list_refuted_names(truth, verdict)
+        if refuted:
+            return partial(run_diagnosis, dataset, (*excluded, *refuted), self._n_jobs)
         can_run_protocols = spec["block"] != ADVERSARY_BLOCK and rig in FOLLOW_UP_MAKERS
         proposal = verdict["next_experiment"]
         if can_run_protocols and proposal and proposal["separation_chi2"] >= MIN_DECISIVE_CHI2:
             return partial(self._run_follow_up, FOLLOW_UP_MAKERS[rig], dataset, truth, verdict, excluded)
-        refuted = list_refuted_names(truth, verdict)
-        return partial(run_diagnosis, dataset, (*excluded, *refuted), self._n_jobs) if refuted else None
+        return None
 
     def _run_follow_up(
         self,
