@@ -22,6 +22,8 @@ from klute_sim.gait.rig.hip_path import HipPath
 from klute_sim.gait.rig.learning import prepare_gait_rig
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions, GaitRig, build_gait_rig
+from klute_sim.gait.summary import summarize_gait_run
+from klute_sim.report.gait.table import collect_remarks
 
 DEVICE = load_device("klute-1-1-4-pair")
 PHASE = np.arange(200) / 200.0
@@ -51,6 +53,27 @@ def test_path_survives_its_mapping() -> None:
     again = HipPath.from_mapping(path.to_mapping(), "a run")
     assert np.array_equal(again.coefficients, path.coefficients)
     assert (again.learning_strides, again.vertical_residual_bw) == (path.learning_strides, path.vertical_residual_bw)
+    assert (again.max_learning_strides, again.has_converged) == (15, path.has_converged)
+
+
+def test_convergence_needs_both_errors_below_their_tolerances() -> None:
+    path = replace(HipPath(np.zeros((2, 1), dtype=np.complex128)), learning_strides=9, max_learning_strides=15)
+    assert path.has_converged is None
+    assert replace(path, vertical_residual_bw=0.009, forward_residual_bw=0.014).has_converged
+    for errors in ((0.011, 0.014), (0.009, 0.018)):
+        assert not replace(path, vertical_residual_bw=errors[0], forward_residual_bw=errors[1]).has_converged
+
+
+def test_learning_that_is_cut_short_says_so() -> None:
+    """A learning of two strides cannot converge from the planned path; the remark proposes a larger number."""
+    options = replace(OPTIONS, strides=1, learning_strides=2, alignment=prepare_default_rig().options.alignment)
+    recording = simulate_gait(DEVICE, load_default_profile(), options)
+    summary = summarize_gait_run(recording, compute_gait_metrics(recording))
+    assert (summary["hip_path"]["max_learning_strides"], summary["hip_path"]["has_converged"]) == (2, False)
+    assert any(
+        "NOT learned the path of the hip in 2 strides" in remark and "pass --learning-strides 5" in remark
+        for remark in collect_remarks(summary)
+    )
 
 
 @pytest.mark.parametrize(
@@ -61,7 +84,12 @@ def test_path_survives_its_mapping() -> None:
         (
             {
                 **{name: {"cosine": [9.0], "sine": [0.0]} for name in ("forward_m", "height_m")},
-                **{"learning_strides": 1, "vertical_residual_bw": None, "forward_residual_bw": None},
+                **{
+                    "learning_strides": 1,
+                    "max_learning_strides": 1,
+                    "vertical_residual_bw": None,
+                    "forward_residual_bw": None,
+                },
             },
             "moves the hip by more than 1 m",
         ),
@@ -89,6 +117,7 @@ def test_foot_carries_the_load_of_the_reference_only_after_learning() -> None:
     assert planned.grf_vertical_tracking_rms_bw > 0.3
     assert rig.hip_path.vertical_residual_bw == pytest.approx(learned.grf_vertical_tracking_rms_bw, abs=2e-3)
     assert 1 <= rig.hip_path.learning_strides <= OPTIONS.learning_strides
+    assert rig.hip_path.has_converged
     assert not learned.contact_lost_in_stance
 
 

@@ -93,7 +93,10 @@ def recording(strides: int = 1, **changed: Array) -> Recording:
             **{"mass_kg": MASS, "stature_m": 1.75, "speed_m_per_s": 1.2, "stride_time_s": 1.0, "strides": strides},
             "alignment_deg": 0.0,
         },
-        "hip_path": {"learning_strides": 3, "vertical_residual_bw": 0.01, "forward_residual_bw": 0.01},
+        "hip_path": {
+            **{"learning_strides": 3, "max_learning_strides": 15, "has_converged": True},
+            **{"vertical_residual_bw": 0.009, "forward_residual_bw": 0.01},
+        },
     }
     return Recording(tiled, dict.fromkeys(tiled, "1"), provenance)
 

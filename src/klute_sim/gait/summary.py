@@ -23,6 +23,12 @@ VALVE_ASSUMPTIONS = {
 }
 """Assumptions about a supply with a valve."""
 
+HIP_PATH_KEYS = (
+    *("learning_strides", "max_learning_strides", "has_converged"),
+    *("vertical_residual_bw", "forward_residual_bw"),
+)
+"""What the summary states on the learning of the path of the hip."""
+
 
 def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, Any]:
     """Return the run as one JSON object: means over the steady strides, then all strides."""
@@ -74,10 +80,7 @@ def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, 
         "grf_forward_tracking_rms_bw": mean(lambda s: s.grf_forward_tracking_rms_bw),
         "grf_note": "tracked, not predicted: the rig learns the path of the hip so that the foot carries the load "
         "of the reference",
-        "hip_path": {
-            key: recording.provenance["hip_path"][key]
-            for key in ("learning_strides", "vertical_residual_bw", "forward_residual_bw")
-        },
+        "hip_path": {key: recording.provenance["hip_path"][key] for key in HIP_PATH_KEYS},
         "alignment_deg": options["alignment_deg"],
         "loading_rate_max_bw_per_s": mean(lambda s: s.loading_rate_max_bw_per_s),
         "contact_lost_in_stance": any(s.contact_lost_in_stance for s in metrics.steady_strides),

@@ -11,6 +11,10 @@ from klute_sim.types import Array, ComplexArray
 
 AXES = ("forward", "height")
 """Names of the columns of a path."""
+MAX_LEARNING_STRIDES = 100
+"""Largest number of strides that a learning may be allowed."""
+VERTICAL_TOLERANCE_BW, FORWARD_TOLERANCE_BW = 0.01, 0.015
+"""Rms errors of the ground reaction in stance [body weights] at which the learning ends (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,15 @@ class HipPath:
     """Rms error of the vertical ground reaction in stance [body weights] in that stride."""
     forward_residual_bw: float | None = None
     """Rms error of the fore-aft ground reaction in stance [body weights] in that stride."""
+    max_learning_strides: int = 0
+    """Largest number of strides that the learning could take."""
+
+    @property
+    def has_converged(self) -> bool | None:
+        """Whether both errors are below the tolerances; None if the path was not learned."""
+        if self.vertical_residual_bw is None or self.forward_residual_bw is None:
+            return None
+        return self.vertical_residual_bw < VERTICAL_TOLERANCE_BW and self.forward_residual_bw < FORWARD_TOLERANCE_BW
 
     @classmethod
     def from_samples(cls, samples: Array, n_harmonics: int) -> "HipPath":
@@ -44,6 +57,8 @@ class HipPath:
         """Return the content in JSON types."""
         return {
             "learning_strides": self.learning_strides,
+            "max_learning_strides": self.max_learning_strides,
+            "has_converged": self.has_converged,
             "vertical_residual_bw": self.vertical_residual_bw,
             "forward_residual_bw": self.forward_residual_bw,
             **{
@@ -62,16 +77,16 @@ class HipPath:
                 for name in AXES
             ]
             coefficients = np.stack(rows)
-            strides = int(content["learning_strides"])
-            residuals = [
+            strides, max_strides = int(content["learning_strides"]), int(content["max_learning_strides"])
+            vertical, forward = (
                 None if content[f"{name}_residual_bw"] is None else float(content[f"{name}_residual_bw"])
                 for name in ("vertical", "forward")
-            ]
+            )
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{source} holds no path of the hip; give the folder of a gait run") from None
         if coefficients.ndim != 2 or not np.isfinite(coefficients).all() or np.abs(coefficients).sum() > 1.0:
             raise InputError(f"{source} holds a path of the hip that is not finite or moves the hip by more than 1 m")
-        return cls(coefficients, strides, *residuals)
+        return cls(coefficients, strides, vertical, forward, max_strides)
 
 
 PLANNED_PATH = HipPath(np.zeros((2, 1), dtype=np.complex128))

@@ -52,8 +52,6 @@ VERTICAL_STIFFNESS, FORWARD_STIFFNESS = 25e3, 10e3
 
 The vertical one is about that of liner, heel and sole in series, the other that of the servos of thigh and knee.
 """
-VERTICAL_TOLERANCE_BW, FORWARD_TOLERANCE_BW = 0.01, 0.015
-"""Rms errors in stance [body weights] at which the learning ends (assumed)."""
 HANGING_PHASES = 0.85, 0.95
 """Gait phases between which the angle of the hanging ankle is measured (assumed)."""
 HANGING_HEIGHT_M = 0.2
@@ -170,8 +168,8 @@ def find_alignment(device: Device, controller: Controller, gait_rig: GaitRig) ->
 def learn_hip_path(device: Device, controller: Controller, gait_rig: GaitRig) -> HipPath:
     """Return the path that ``gait_rig``, commanded at each time step, learns for ``device``.
 
-    Learning ends at the tolerances or after ``options.learning_strides``; the path of least error is kept. Call it
-    inside :func:`klute_sim.plant.callbacks.device_callbacks`.
+    Learning ends with the path that meets the tolerances, or after ``options.learning_strides`` with the path of least
+    error. Call it inside :func:`klute_sim.plant.callbacks.device_callbacks`.
 
     Raises SimulationError when the carriage leaves its path.
     """
@@ -193,19 +191,20 @@ def learn_hip_path(device: Device, controller: Controller, gait_rig: GaitRig) ->
         measured = np.column_stack([reaction.forward, reaction.vertical])
         error = reference - measured
         forward_rms, vertical_rms = np.sqrt(np.mean(error[stance] ** 2, axis=0))
+        learned = replace(
+            trial.hip_path,
+            learning_strides=stride,
+            vertical_residual_bw=float(vertical_rms),
+            forward_residual_bw=float(forward_rms),
+            max_learning_strides=gait_rig.options.learning_strides,
+        )
+        if learned.has_converged:
+            return learned
         if not vertical_rms + forward_rms > best_error:
-            best_error, best_samples = vertical_rms + forward_rms, samples
-            best = replace(
-                trial.hip_path,
-                learning_strides=stride,
-                vertical_residual_bw=float(vertical_rms),
-                forward_residual_bw=float(forward_rms),
-            )
+            best_error, best_samples, best = vertical_rms + forward_rms, samples, learned
         elif vertical_rms + forward_rms > MAX_GROWTH * best_error:
             gains, samples = 0.5 * gains, best_samples
             continue
-        if vertical_rms < VERTICAL_TOLERANCE_BW and forward_rms < FORWARD_TOLERANCE_BW:
-            break
         is_loaded = (reference[:, 1] > 0.0) | (reaction.vertical > 0.0)
         samples = samples - apply_low_pass(np.where(is_loaded[:, None], error, 0.0)) * gains * displacement_per_bw
     return best

@@ -17,7 +17,7 @@ from klute_sim.errors import InputError
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.gait.reference import Reference, load_default_reference
 from klute_sim.gait.rig.build import MODEL_MASS, MODEL_STATURE, ModelEdit, build_gait_model, measure_leg
-from klute_sim.gait.rig.hip_path import PLANNED_PATH, HipPath
+from klute_sim.gait.rig.hip_path import MAX_LEARNING_STRIDES, PLANNED_PATH, HipPath
 from klute_sim.gait.rig.trajectory import HipTrajectory, compute_knee_angle, compute_thigh_angle, plan_hip_trajectory
 from klute_sim.gait.spring_foot import SpringFoot
 from klute_sim.plant.actuator import DeviceActuator
@@ -72,7 +72,7 @@ class GaitOptions:
             ("slope", math.degrees(self.slope), -10.0, 10.0, "degrees"),
             ("alignment", None if self.alignment is None else math.degrees(self.alignment), -30.0, 30.0, "degrees"),
             ("strides", self.strides, 1, 200, ""),
-            ("learning strides", self.learning_strides, 0, 100, ""),
+            ("learning strides", self.learning_strides, 0, MAX_LEARNING_STRIDES, ""),
             ("time step", 1e3 * self.dt, 0.01, 1.0, "ms"),
         ]
         for name, value, lower, upper, unit in limits:

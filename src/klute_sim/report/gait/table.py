@@ -1,6 +1,6 @@
 """Results table of a gait run and remarks on it, for a terminal."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -18,6 +18,7 @@ from klute_sim.gait.metrics import (
     is_spring_foot,
 )
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
+from klute_sim.gait.rig.hip_path import FORWARD_TOLERANCE_BW, MAX_LEARNING_STRIDES, VERTICAL_TOLERANCE_BW
 from klute_sim.recording.recording import Recording
 
 Row: TypeAlias = tuple[str, str, str, Callable[[StrideMetrics], float | None]]
@@ -74,6 +75,8 @@ MAX_USUAL_ALIGNMENT_DEG = 5.0
 """Largest alignment [deg] without a remark."""
 MIN_LEDGER_ENERGY_J = 0.005
 """Smallest energy per stride [J] for which a ledger line is shown."""
+LEARNING_GROWTH = 8 / 3
+"""Proposed number of learning strides over one that was too small: 40 instead of 15 (assumed)."""
 LEDGER_LABELS = {
     "gas": "energy from the gas",
     "friction": "energy from friction offset",
@@ -210,15 +213,9 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
         remarks.append(f"Foot: {summary['foot']}, with assumed numbers (summary.json lists them).")
     if summary["touches_in_swing"]:
         remarks.append("The foot touches the ground in swing: it trips, and later strides are not meaningful.")
-    learning = summary["hip_path"]["learning_strides"]
-    path = (
-        f"learned the path of the hip in {learning} strides so that the foot carries the load of the reference"
-        if learning
-        else "follows the planned path of the hip"
-    )
     remarks.append(
-        f"The ground reaction is tracked, not predicted: the rig {path}. Limb angles are prescribed; what the ankle "
-        "does is predicted."
+        f"The ground reaction is tracked, not predicted: {_describe_learning(summary['hip_path'])}. Limb angles are "
+        "prescribed; what the ankle does is predicted."
     )
     remarks.append(
         f"Alignment: the prosthesis is turned by {summary['alignment_deg']:+.1f} degrees against the limb "
@@ -260,6 +257,34 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
         f"{fade if below_fit and summary['friction_offset_work_j_per_kg'] else ''}.{unsourced}"
     )
     return remarks
+
+
+def _describe_learning(hip_path: Mapping[str, Any]) -> str:
+    """Return how the rig got the path of the hip, whether its learning converged, and what to do otherwise."""
+    if not hip_path["learning_strides"]:
+        return "the rig follows the planned path of the hip"
+    errors = (
+        f"rms errors in stance {hip_path['vertical_residual_bw']:.3f} body weights vertical and "
+        f"{hip_path['forward_residual_bw']:.3f} fore-aft"
+    )
+    aims = f"{VERTICAL_TOLERANCE_BW:g} and {FORWARD_TOLERANCE_BW:g}"
+    if hip_path["has_converged"]:
+        return (
+            f"the rig learned the path of the hip in {hip_path['learning_strides']} strides, until the foot carried "
+            f"the load of the reference ({errors}; aims {aims})"
+        )
+    limit = hip_path["max_learning_strides"]
+    more = min(round(LEARNING_GROWTH * limit), MAX_LEARNING_STRIDES)
+    advice = (
+        f"pass --learning-strides {more}"
+        if more > limit
+        else "that is the largest number; check the alignment (--align) and the reference"
+    )
+    return (
+        f"the rig has NOT learned the path of the hip in {limit} strides: on the best one, stride "
+        f"{hip_path['learning_strides']}, the foot carries the load of the reference with {errors}, above the aims "
+        f"of {aims}; {advice}"
+    )
 
 
 def _format_cell(value: float | None, format_spec: str) -> str:
