@@ -18,6 +18,7 @@ import numba
 
 from klute_sim.device import dynamics
 from klute_sim.device.backend import packing
+from klute_sim.device.backend.notice import announce_slow_compilation
 from klute_sim.effects import catalogue
 
 EXPORTED_STEP_FUNCTIONS = (
@@ -108,10 +109,11 @@ def compile_cached(decorator: Callable[..., Any], function: Any, signature: Any,
     """
     python_function = function.py_func
     python_function.__qualname__ = f"{python_function.__name__}_{_hash_sources(constants)}"
-    try:
-        return decorator(signature, cache=True, error_model="numpy")(python_function)
-    except (OSError, RuntimeError):  # a full disk, or no writable folder: compile without cache
-        return decorator(signature, error_model="numpy")(python_function)
+    with announce_slow_compilation():
+        try:
+            return decorator(signature, cache=True, error_model="numpy")(python_function)
+        except (OSError, RuntimeError):  # a full disk, or no writable folder: compile without cache
+            return decorator(signature, error_model="numpy")(python_function)
 
 
 @cache
