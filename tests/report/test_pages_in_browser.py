@@ -1,4 +1,4 @@
-"""Pages in Chromium, without a display: nothing is missing, blocked, or wider than the window."""
+"""Pages in Chromium, without a display: nothing is missing, blocked, faint, or wider than the window."""
 
 import html
 import json
@@ -20,10 +20,46 @@ pytestmark = pytest.mark.extras
 ROOT = Path(__file__).parents[2]
 WIDTHS = (390, 1000, 1400)
 """Widths of a phone, a tablet and a laptop [pixels]."""
+REPORTS = {"diagnosis": "diagnosis", "comparison": "compared", "gait": "a"}
+"""Report -> its folder."""
+SITE_PAGES = (
+    *("index", "install", "gallery", "diagnose", "devices", "effects", "effects/braid_hysteresis", "environment"),
+    *("api/laws", "tutorials/first_gait_simulation"),
+)
+"""Pages of the site, one of each kind."""
 POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 MEASURE_SCRIPT = """<script>
+const parse = (text) => text.match(/[\\d.]+/g).map(Number);
+const blend = (top, opacity, below) => below.map((value, k) => value * (1 - opacity) + top[k] * opacity);
+const luminance = (colour) => {
+  const linear = colour.map((value) => value / 255).map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+  return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
+};
+const readBackground = (element) => {
+  if (!element) return [255, 255, 255];
+  const [red, green, blue, opacity = 1] = parse(getComputedStyle(element).backgroundColor);
+  return opacity == 1 ? [red, green, blue] : blend([red, green, blue], opacity, readBackground(element.parentElement));
+};
+const findFaintText = () => {
+  const faint = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const element = walker.currentNode.parentElement, style = getComputedStyle(element);
+    const box = element.getBoundingClientRect(), text = walker.currentNode.textContent.trim();
+    if (!text || style.visibility == "hidden" || box.width < 2 || box.height < 2) continue;
+    const behind = readBackground(element), [red, green, blue, opacity = 1] = parse(style.color);
+    const tones = [luminance(blend([red, green, blue], opacity, behind)), luminance(behind)];
+    const contrast = (Math.max(...tones) + 0.05) / (Math.min(...tones) + 0.05);
+    const sufficient = parseFloat(style.fontSize) >= 24 ? 3 : 4.5;
+    if (contrast < sufficient) faint.push(`${text.slice(0, 30)}: ${contrast.toFixed(2)}`);
+  }
+  return faint;
+};
 addEventListener("load", () => {
   const images = [...document.images];
+  const faint = ["light", "dark"].flatMap((theme) => {
+    document.body.dataset.theme = theme;  // the site; reports have tests of their colours
+    return findFaintText();
+  });
   const ids = [...document.querySelectorAll("[id]")].map((element) => element.id);
   parent.postMessage(JSON.stringify({
     window: innerWidth,
@@ -31,6 +67,7 @@ addEventListener("load", () => {
     images: images.length,
     broken: images.filter((image) => image.loading != "lazy" && !image.naturalWidth).map((image) => image.alt),
     unnamed: images.filter((image) => !image.alt).length,
+    faint: faint,
     repeated: ids.filter((id, index) => ids.indexOf(id) != index),
   }), "*");
 });
@@ -63,9 +100,8 @@ def pages(diagnosis: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> dic
     assert completed.returncode == 0, completed.stderr
     command = [sys.executable, "-m", "sphinx", "-q", "-b", "html", str(ROOT / "docs"), str(folder / "site")]
     assert subprocess.run(command, check=False).returncode == 0
-    site = {f"site/{name}": folder / "site" / f"{name}.html" for name in ("index", "diagnose", "effects", "api/laws")}
-    reports = {"diagnosis": "diagnosis", "comparison": "compared", "gait": "a"}
-    return {name: folder / run_folder / "index.html" for name, run_folder in reports.items()} | site
+    site = {f"site/{name}": folder / "site" / f"{name}.html" for name in SITE_PAGES}
+    return {name: folder / run_folder / "index.html" for name, run_folder in REPORTS.items()} | site
 
 
 def browse(chromium: str, file: Path, width: int, profile: Path) -> tuple[str, str]:
@@ -80,9 +116,7 @@ def browse(chromium: str, file: Path, width: int, profile: Path) -> tuple[str, s
     return completed.stdout, "\n".join(line for line in completed.stderr.splitlines() if "CONSOLE" in line)
 
 
-@pytest.mark.parametrize(
-    "name", ["diagnosis", "comparison", "gait", "site/index", "site/diagnose", "site/effects", "site/api/laws"]
-)
+@pytest.mark.parametrize("name", [*REPORTS, *(f"site/{name}" for name in SITE_PAGES)])
 def test_page_is_complete_and_fits_the_window(name: str, chromium: str, pages: dict[str, Path], tmp_path: Path) -> None:
     document, messages = browse(chromium, pages[name], WIDTHS[-1], tmp_path / "profile")
     assert "<h1" in document
@@ -104,10 +138,11 @@ def test_page_is_complete_and_fits_the_window(name: str, chromium: str, pages: d
         assert measured["broken"] == []
         assert measured["unnamed"] == 0
         assert measured["repeated"] == []
+        assert measured["faint"] == [], "contrast below that of WCAG 2.2, level AA"
 
 
 def test_report_runs_no_script_and_loads_nothing_from_the_network(pages: dict[str, Path]) -> None:
-    for name in ("diagnosis", "comparison", "gait"):
+    for name in REPORTS:
         text = pages[name].read_text("utf-8")
         assert "default-src 'none'" in text
         assert "<script" not in text
