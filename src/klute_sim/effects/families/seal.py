@@ -1,4 +1,4 @@
-"""Friction of the piston's seal: dry, falling with speed, or growing with pressure after the seal has deformed."""
+"""Friction of seals and guides: dry, falling with speed, or growing with pressure after the seal has deformed."""
 
 import math
 from typing import Any
@@ -54,7 +54,7 @@ def step_seal_displacement(
 
 SEAL_FRICTION = Effect(
     name="seal_friction",
-    description="The piston's seal has dry friction, which may grow with the pressure in the cylinder.",
+    description="A seal of damper or cylinder, or a guide of the rig, has dry friction, which may grow with pressure.",
     kind="device",
     forms=(
         EffectForm(
