@@ -53,6 +53,27 @@ def test_units_of_the_keys_become_si() -> None:
     assert p.damper.eccentric_coefficient * 0.15**2 == pytest.approx(400, rel=2e-3)
 
 
+@pytest.mark.parametrize("radius", [3.0, 7.4, 10.0])
+def test_proposed_turns_fit_the_bladder(radius: float) -> None:
+    text = TEXT.replace("bladder_radius_mm = 6.4", f"bladder_radius_mm = {radius}")
+    with pytest.raises(InputError) as caught:
+        parse_device(text.encode(), "x")
+    proposal = re.search(r"turns_per_m = [0-9.]+(?= fits the bladder)", str(caught.value))
+    assert proposal is not None
+    muscle = parse_device(re.sub("turns_per_m = .*", proposal[0], text).encode(), "x").parameters.muscle
+    braid_radius = mckibben.compute_braid_radius(muscle.braid_length, muscle.resting_length, muscle.braid_turns)
+    assert braid_radius == pytest.approx(1e-3 * radius, rel=1e-3)
+
+
+def test_friction_slope_is_an_eighth_of_the_gas_force_of_both_actuators() -> None:
+    """The documentation proposes this share for muscles of other diameters."""
+    for name in ("klute-3-4", "klute-1-1-4"):
+        muscle = load_device(name).parameters.muscle
+        assert muscle.friction_slope / mckibben.gas_force(muscle, 1.0, muscle.resting_length) == pytest.approx(
+            0.1233, abs=0.002
+        )
+
+
 def test_bladder_and_friction_can_be_disabled() -> None:
     text = TEXT.replace("count = 2", "count = 2\nbladder = false\nfriction = false")
     bare = parse_device(text.encode(), "x").parameters.muscle

@@ -59,11 +59,12 @@ class Muscle(DeviceFileSection):
         ratio = self.braid_length_ratio
         braid_radius = 1e3 * mckibben.compute_braid_radius(ratio, 1.0, self.turns_per_m)
         if abs(braid_radius / self.bladder_radius_mm - 1.0) > MAX_RADIUS_MISMATCH:
+            matching_turns = self.turns_per_m * braid_radius / self.bladder_radius_mm  # the radius is as 1 / N
             raise PydanticCustomError(
                 "radius",
                 "bladder_radius_mm is {r} but braid_length_ratio and turns_per_m imply a radius of "
-                "{b} mm; the two must agree within 5 %",
-                {"r": self.bladder_radius_mm, "b": f"{braid_radius:.2f}"},
+                "{b} mm; the two must agree within 5 %: with this braid_length_ratio, turns_per_m = {n} fits the bladder",
+                {"r": self.bladder_radius_mm, "b": f"{braid_radius:.2f}", "n": f"{matching_turns:.4g}"},
             )
         inner_radius = self.bladder_radius_mm - self.bladder_thickness_mm
         rubber_fraction = (self.bladder_radius_mm**2 - inner_radius**2) / braid_radius**2
