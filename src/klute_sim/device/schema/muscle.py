@@ -63,7 +63,8 @@ class Muscle(DeviceFileSection):
             raise PydanticCustomError(
                 "radius",
                 "bladder_radius_mm is {r} but braid_length_ratio and turns_per_m imply a radius of "
-                "{b} mm; the two must agree within 5 %: with this braid_length_ratio, turns_per_m = {n} fits the bladder",
+                "{b} mm; the two must agree within 5 %: with this braid_length_ratio, turns_per_m = {n} fits "
+                "the bladder",
                 {"r": self.bladder_radius_mm, "b": f"{braid_radius:.2f}", "n": f"{matching_turns:.4g}"},
             )
         inner_radius = self.bladder_radius_mm - self.bladder_thickness_mm
