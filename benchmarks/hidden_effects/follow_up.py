@@ -11,7 +11,10 @@ import numpy as np
 from benchmarks.hidden_effects.air import AIR_STEP
 from benchmarks.hidden_effects.device import add_effects, build_neutral_law, load_device
 from benchmarks.hidden_effects.generate import COLUMN_DECIMALS, COLUMN_UNITS, format_table, record_trial
+from benchmarks.hidden_effects.imperfect import SEEN_SPECIMENS, add_law_error
 from benchmarks.hidden_effects.inputs import SAMPLE_INTERVAL, InputProgram
+from benchmarks.hidden_effects.plan import FORCE_RANGE_N
+from benchmarks.hidden_effects.set_up import list_numbers
 from benchmarks.hidden_effects.simulate import Hidden, Noise, draw_wander, simulate_measurements
 from benchmarks.hidden_effects.truth import TRACE_STEP
 
@@ -31,10 +34,10 @@ def make_follow_up(folder: Path, truth: dict[str, Any], requested: dict[str, Any
     )
     program = _build_program(folder, requested["protocol"])
     known = truth.get("known", ())
-    base = {**load_device(), **truth["base"]}
+    base = {**load_device(), **truth["base"], **list_numbers(truth.get("numbers", ()))}
     neutral = add_effects(*build_neutral_law(base), known)
     faults = [fault for fault in truth["instruments"] if fault["channel"] not in change.reference_channels]
-    hidden = Hidden(truth["effects"], faults, truth["strangers"])
+    hidden, law_error = Hidden(truth["effects"], faults, truth["strangers"]), truth.get("law_error")
     noise, rng = Noise(**truth["noise"]), np.random.default_rng([truth["seed"], 2])
     channels = _list_recorded_channels(folder, change)
     shutil.rmtree(target_folder, ignore_errors=True)
@@ -43,10 +46,13 @@ def make_follow_up(folder: Path, truth: dict[str, Any], requested: dict[str, Any
     for repeat in "ab":
         wander = draw_wander(rng, round(program.duration / AIR_STEP) + 1, noise.wander)
         signals = simulate_measurements(program, neutral, hidden, wander)
+        if law_error is not None:
+            signals = add_law_error(signals, program, law_error, SEEN_SPECIMENS[0], FORCE_RANGE_N)
         table = record_trial(rng, program, signals, noise, channels, faults)
         name = f"{FOLLOW_UP_GROUP}_{repeat}.csv"
         (target_folder / name).write_text(format_table(table), "utf-8")
         lines += ["", "[[trial]]", f'files = ["{name}"]', f'group = "{FOLLOW_UP_GROUP}"', 'use = "fit"']
+        lines += [f'specimen = "{SEEN_SPECIMENS[0]}"'] if law_error is not None else []
         lines += [f"trusted = {json.dumps(list(change.reference_channels))}"] if change.reference_channels else []
     with (target_folder / "dataset.toml").open("a", encoding="utf-8") as file:
         file.write("\n".join(lines) + "\n")

@@ -9,6 +9,7 @@ from benchmarks.hidden_effects import (
     device,
     follow_up,
     generate,
+    imperfect,
     inputs,
     metrics,
     out_of_catalogue,
@@ -21,6 +22,7 @@ from benchmarks.hidden_effects.score import are_kinds_confused, is_first_right, 
 from benchmarks.hidden_effects.simulate import Hidden, Noise, simulate_measurements
 
 from klute_sim.datasets.dataset import load_dataset
+from klute_sim.errors import InputError
 
 HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
 DAMPING = {"name": "muscle_damping", "channel": None}
@@ -282,6 +284,26 @@ def test_follow_up_performs_proposed_experiment(tmp_path: Path) -> None:
             assert ("muscle_length" in trial.measured) == (change == sensor)
     first = (tmp_path / "first" / "fit_1_a.csv").read_text("utf-8")
     assert (tmp_path / "second" / "fit_1_a.csv").read_text("utf-8") == first
+
+
+@pytest.mark.slow
+def test_follow_up_has_the_wrong_number_and_the_imperfect_law(tmp_path: Path) -> None:
+    turns = 1.05 * device.load_device()["muscle.turns_per_m"]
+    wrong = {"name": "number_error", "number": "muscle.turns_per_m", "parameters": {"muscle.turns_per_m": turns}}
+    law_error = imperfect.draw_law_error(np.random.default_rng(1))
+    sealed = generate.make_dataset(tmp_path / "first", 5, numbers=[wrong], law_error=law_error)
+    asked, forces = {"protocol": "steps", "rig_change": None}, {}
+    for omitted in ("", "numbers", "law_error"):
+        truth = {key: value for key, value in sealed.items() if key != omitted}
+        follow_up.make_follow_up(tmp_path / "first", truth, asked, tmp_path / f"without {omitted}")
+        if omitted != "law_error":
+            trials = {trial.name: trial for trial in load_dataset(tmp_path / f"without {omitted}").trials}
+            forces[omitted] = float(np.mean(trials["follow_up_a"].measured["force"].value))
+            assert trials["follow_up_a"].specimen == "A"
+        else:  # a trial without a specimen beside others with one
+            with pytest.raises(InputError, match="specimen"):
+                load_dataset(tmp_path / f"without {omitted}")
+    assert forces["numbers"] > 1.03 * forces[""]  # more turns, less force
 
 
 def test_block_outside_has_deleted_and_out_of_catalogue_effects() -> None:
