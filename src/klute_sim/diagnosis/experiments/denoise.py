@@ -32,6 +32,9 @@ MAX_CHANGE_SIGMAS = 5.0
 """Largest change of a sample of an unevenly sampled signal, in standard deviations of its noise."""
 MAX_INTERVAL_VARIATION = 0.01
 """Largest variation of the sampling interval, as a fraction of it, of a signal that counts as evenly sampled."""
+MIN_REGULAR_FRACTION = 0.9
+"""Smallest fraction of equal sampling intervals of an uneven signal that is smoothed outside of holds: what an
+irregular one is between its samples is not known well enough."""
 MAX_STRETCH = 4
 """Largest number of even samples per sample of an unevenly sampled signal; a pause in a log would take any number."""
 
@@ -57,8 +60,9 @@ def denoise(time: Array, value: Array) -> Array:
     """Return ``value`` (n,), sampled at ``time`` [s] (n,), without white noise.
 
     Outside of holds no sample changes by more than :data:`CONFIDENCE_SIGMAS` standard deviations of the noise, and in
-    holds by no more than its own noise. An unevenly sampled signal is smoothed at even times, between which it is
-    interpolated linearly, as in the simulation. A signal shorter than two windows is returned unchanged.
+    holds by no more than its own noise. A signal with a few other intervals is smoothed at even times, between which it
+    is interpolated linearly, as in the simulation; of an irregular one only the holds are. A signal shorter than two
+    windows is returned unchanged.
     """
     windows = [window for window in WINDOW_SIZES if 2 * window <= len(value)]
     deviation = estimate_white_noise(time, value)
@@ -69,9 +73,15 @@ def denoise(time: Array, value: Array) -> Array:
         return _smooth(value, deviation, windows)
     n_even = min(round((time[-1] - time[0]) / float(np.median(steps))) + 1, MAX_STRETCH * len(time))
     even = np.linspace(time[0], time[-1], max(n_even, 2 * windows[0]))
-    fitting = [window for window in windows if 2 * window <= len(even)]
-    denoised = np.interp(time, even, _smooth(np.interp(even, time, value), deviation, fitting))
-    limit = MAX_CHANGE_SIGMAS * deviation
+    even_value, limit = np.interp(even, time, value), MAX_CHANGE_SIGMAS * deviation
+    is_regular = np.abs(steps - np.median(steps)) <= MAX_INTERVAL_VARIATION * np.median(steps)
+    if is_regular.mean() >= MIN_REGULAR_FRACTION:
+        fitting = [window for window in windows if 2 * window <= len(even)]
+        denoised = np.interp(time, even, _smooth(even_value, deviation, fitting))
+    else:
+        flat = _flatten_holds(even_value, even_value, deviation) if len(even) >= 2 * HOLD_WINDOW else even_value
+        is_held = np.interp(time, even, flat != even_value) == 1.0
+        denoised = np.where(is_held, np.interp(time, even, flat), value)
     return np.asarray(np.clip(denoised, value - limit, value + limit))
 
 
