@@ -55,10 +55,10 @@ class InputError(KluteSimError):
 class MissingExtraError(KluteSimError):
     """A requested feature needs an optional dependency that is not installed."""
 
-    def __init__(self, feature: str, extra: str) -> None:
-        """Report that ``feature`` needs the optional ``extra``."""
+    def __init__(self, feature: str, extra: str, advice: str = "") -> None:
+        """Report that ``feature`` needs the optional ``extra``, and how to install it; ``advice`` ends the sentence."""
         super().__init__(
-            f"{feature} needs the optional extra '{extra}': pip install '.[{extra}]' in the project's folder"
+            f"{feature} needs the optional extra '{extra}': pip install '.[{extra}]' in the project's folder{advice}"
         )
 
 

@@ -116,7 +116,8 @@ def test_missing_extra_raises_one_sentence(tmp_path: Path) -> None:
     completed = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert completed.returncode == 2
     assert completed.stderr == (
-        "klute-sim: klute-sim train needs the optional extra 'rl': pip install '.[rl]' in the project's folder\n"
+        "klute-sim: klute-sim train needs the optional extra 'rl': pip install '.[rl]' in the project's folder; "
+        "without a graphics card, first pip install torch --index-url https://download.pytorch.org/whl/cpu\n"
     )
     assert not (tmp_path / "walker").exists()
 

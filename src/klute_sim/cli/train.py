@@ -84,7 +84,7 @@ def command(
 
     Writes the configuration, the checkpoint, summary.json, index.html, figure.png and policy.npz. The last contains
     plain numbers, which klute_sim.controllers.policy evaluates with NumPy alone. Needs the optional extra 'rl'
-    (Stable-Baselines3; pip install '.[rl]' in the project folder).
+    (Stable-Baselines3 and torch: docs/install.md, or https://download.pytorch.org/whl/cpu for torch without CUDA).
 
     \b
     Examples:
