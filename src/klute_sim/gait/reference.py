@@ -283,7 +283,10 @@ def _parse_columns(text: str, source: str) -> dict[str, Array]:
     heading = [name.strip() for name in rows[0][1]]
     for name in (PHASE_COLUMN, *REQUIRED_COLUMNS):
         if name not in heading:
-            raise InputError(f"reference {source}: column '{name}' is missing")
+            raise InputError(
+                f"reference {source}: column '{name}' is missing; if the file has other headings or units, create a "
+                "reference with klute-sim import FILE --out FOLDER and pass that folder"
+            )
     names = [n for n in (PHASE_COLUMN, *REQUIRED_COLUMNS, *DEVIATION_COLUMNS) if n in heading]
     columns: dict[str, Array] = {name: np.empty(len(rows) - 1) for name in names}
     for index, (number, row) in enumerate(rows[1:]):
