@@ -105,6 +105,10 @@ def test_any_subset_of_measured_channels_is_allowed(tmp_path: Path) -> None:
         (columns(length=None), "the prescribed channel 'length' is missing; a bench trial needs length, pressure_com"),
         (columns(pressure_command=None), "the prescribed channel 'pressure_command' is missing"),
         (
+            columns(pressure_command=None) | {"pressure [bar]": 3 + 0 * TIME},
+            'pressure_command = "`pressure [bar]`" under [columns], and the standard deviation',
+        ),
+        (
             columns(force=None),
             "no channel is measured; a bench trial needs at least one of force, pressure, muscle_",
         ),

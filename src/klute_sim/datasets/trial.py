@@ -22,6 +22,8 @@ Use = Literal["fit", "validation", "test"]
 
 COMMAND_CHANNEL = "pressure_command"
 """Prescribed channel that a device without a supply does not need."""
+PRESSURE_CHANNEL = "pressure"
+"""Measured channel that can stand for the command."""
 MIN_SAMPLES = 10
 """Minimum number of samples of a channel, not counting missing ones."""
 
@@ -227,7 +229,7 @@ def _assign_roles(
         if channel not in columns:
             raise InputError(
                 f"trial {source}: the prescribed channel '{channel}' is missing; a {rig_name} trial needs "
-                f"{', '.join(required)}"
+                f"{', '.join(required)}{_suggest_measured_pressure(channel, columns)}"
             )
         if channel != channels.GAP_TOLERANT_CHANNEL:
             _check_no_gap(columns[channel], f"'{channel}' is prescribed and needs every sample")
@@ -239,6 +241,18 @@ def _assign_roles(
             f"trial {source}: no channel is measured; a {rig_name} trial needs at least one of {', '.join(optional)}"
         )
     return {channel: columns[channel].series for channel in required}, measured
+
+
+def _suggest_measured_pressure(channel: str, columns: Mapping[str, _Column]) -> str:
+    """Return how the measured pressure can stand for a missing command; '' if that is not what is missing."""
+    if channel != COMMAND_CHANNEL or PRESSURE_CHANNEL not in columns:
+        return ""
+    column = columns[PRESSURE_CHANNEL]
+    label = column.file.headings[column.name]
+    return (
+        f'; if only the pressure was logged, let it stand for the command: {COMMAND_CHANNEL} = "`{label}`" under '
+        f'[columns], and the standard deviation of its noise under [noise], such as {COMMAND_CHANNEL} = "20 mbar"'
+    )
 
 
 def _check_known_under_load(column: _Column, vertical_force: TimeSeries) -> None:
