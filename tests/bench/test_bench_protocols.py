@@ -17,6 +17,7 @@ from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
 from klute_sim.recording.recording import Recording
 from klute_sim.recording.sinusoid import fit_sinusoid
+from klute_sim.report.bench.table import collect_remarks
 
 PAIR, BARE = load_device("klute-3-4-pair"), load_device("klute-3-4")
 RELAXING = b"[effects.bladder_relaxation]\nstiffness_n_per_mm = 3.0\ntime_constant_s = 1.0\n"
@@ -29,6 +30,23 @@ def trials(device: Device, name: str, *, mujoco: bool = False, step: float = 5e-
 
 def of(found: list[BenchTrial], reading: str, **setting: float) -> list[float]:
     return [t.metrics[reading] for t in found if setting.items() <= t.conditions.items()]
+
+
+@pytest.mark.parametrize(
+    ("device", "protocol", "remark"),
+    [
+        (BARE, "isokinetic", "the force does not depend on velocity"),
+        (PAIR, "isometric", "the tendon is slack at this length"),
+    ],
+)
+def test_forces_that_surprise_are_explained(device: Device, protocol: str, remark: str) -> None:
+    def collect(device: Device) -> str:
+        plan = protocols_library.load_protocol(protocol)
+        return " ".join(collect_remarks(run_protocol(device, plan, dt=5e-3)))
+
+    other = BARE if device is PAIR else PAIR
+    assert remark in collect(device)
+    assert remark not in collect(other)
 
 
 def remove_friction(device: Device) -> Device:

@@ -53,7 +53,7 @@ def resample_loads(
     forward_raw = (sign or 1) * loads.forward
     if sign is not None:
         log.add_channel(
-            **{"channel": channel_names.GRF_FORWARD, "side": side, "file": trial_name, "column": "as above"},
+            **{"channel": channel_names.GRF_FORWARD, "side": side, "file": trial_name, "column": "as above, converted"},
             **{"unit": "N", "sign": sign, "zero": 0.0},
             reason=conventions.SIGN_RULES[channel_names.GRF_FORWARD],
         )

@@ -98,6 +98,8 @@ def collect_remarks(result: BenchResult) -> list[str]:
         )
     remarks.extend(_describe_pressure_tracking(result))
     remarks.extend(_describe_negative_forces(result))
+    remarks.extend(_describe_slack(result))
+    remarks.extend(_describe_missing_velocity(result))
     if result.protocol.kind == "workloop":
         remarks.append("Positive work is done by the device on the crosshead.")
     return remarks
@@ -142,6 +144,27 @@ def _describe_negative_forces(result: BenchResult) -> list[str]:
         f"In {len(below)} of {len(lowest)} trials a force is negative (minimum {min(below):.4g} N): the bare muscle "
         "pushes. The causes are its bladder and the friction offset of Table 3.1, which grows with pressure and does "
         "not depend on direction. A tendon would be slack."
+    ]
+
+
+def _describe_slack(result: BenchResult) -> list[str]:
+    """Return an explanation of isometric forces of 0, if there are any: the tendon of the unit is slack."""
+    if result.protocol.kind != "isometric" or result.device.spec.tendon is None:
+        return []
+    n_slack = sum(abs(trial.metrics["force_n"]) < DISPLAY_ZERO_TOLERANCE for trial in result.trials)
+    if not n_slack:
+        return []
+    return [f"In {n_slack} of {len(result.trials)} trials the force is 0: the tendon is slack at this length."]
+
+
+def _describe_missing_velocity(result: BenchResult) -> list[str]:
+    """Return why the forces of an isokinetic test do not depend on velocity, where nothing in the device does."""
+    spec = result.device.spec
+    if result.protocol.kind != "isokinetic" or spec.damper is not None or spec.effects:
+        return []
+    return [
+        "Without a damper and without effects the force does not depend on velocity: trials with equal length and "
+        "pressure have equal forces."
     ]
 
 

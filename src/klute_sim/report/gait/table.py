@@ -114,7 +114,9 @@ def build_table(recording: Recording, metrics: GaitMetrics) -> Table:
     table.add_section()
     for section in _list_sections_without_reference(recording, metrics):
         for label, unit, format_spec, metric in section:
-            table.add_row(label, unit, "-", _format_cell(metrics.mean(metric), format_spec), "")
+            value = metrics.mean(metric)
+            if value is not None or unit != "sd":  # a reference without standard deviations has no distances in them
+                table.add_row(label, unit, "-", _format_cell(value, format_spec), "")
         table.add_section()
     return table
 

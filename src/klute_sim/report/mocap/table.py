@@ -31,8 +31,9 @@ def build_files_table(result: Mapping[str, Any]) -> Table:
     """Build the table of the imported files."""
     rows = []
     for entry in result["files"]:
-        rate = "-" if entry["rate_hz"] is None else f"{entry['rate_hz']:g}"
-        rows.append((entry["file"], entry["type"], f"{entry['duration_s']:.2f}", rate, ", ".join(entry["content"])))
+        has_time = entry["rate_hz"] is not None
+        duration, rate = (f"{entry['duration_s']:.2f}", f"{entry['rate_hz']:g}") if has_time else ("-", "-")
+        rows.append((entry["file"], entry["type"], duration, rate, ", ".join(entry["content"])))
     return build_table(
         "Files", ("file", "kind", "seconds", "Hz", "contents"), rows, unbroken_columns=("file", "kind", "contents")
     )
