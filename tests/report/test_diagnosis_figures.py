@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.report.diagnosis import figures, localization_figure, page, traces
@@ -100,6 +101,17 @@ def test_ranking_shows_every_step_with_the_accepted_candidate_first(diagnosis: D
     assert [bar.accepted for bar in bars] == [True] + [False] * (len(bars) - 1)
     labels = [text.get_text() for text in axes[0].texts]
     assert labels[0] == f"falls by {bars[0].bic_drop:.0f}"
+
+
+def test_long_titles_of_steps_stay_inside_the_figure(diagnosis: Diagnosis) -> None:
+    reason = "it reduces the misfit of every channel on the validation trials by more than its parameters cost"
+    steps = tuple(replace(step, reason=reason) for step in diagnosis.selection_history)
+    figure = figures.build_ranking_figure(replace(diagnosis, selection_history=steps))
+    check_figure(figure)
+    titles = [text for text in figure.findobj(Text) if isinstance(text, Text) and text.get_text().startswith("step ")]
+    assert len(titles) == len(steps)
+    for title in titles:
+        assert title.get_window_extent().x1 <= figure.bbox.x1, title.get_text()
 
 
 def test_localization_shows_the_misfit_in_units_of_noise(diagnosis: Diagnosis) -> None:

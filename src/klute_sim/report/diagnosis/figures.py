@@ -3,6 +3,7 @@
 Matplotlib is imported when a figure is built.
 """
 
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -26,6 +27,8 @@ BEFORE_COLOUR, AFTER_COLOUR = CASE_COLOURS["before"], CASE_COLOURS["after"]
 PREDICTED_COLOUR, REFITTED_COLOUR = "#c6dbef", "#8c8c8c"
 MAX_GAP_COLUMNS = 2
 """Maximum number of panels side by side in the figure of the gaps."""
+MAX_TITLE_LINE_CHARS = 80
+"""Largest length of a line of the title of a step, which the names of candidates leave room for."""
 MAX_BARS_PER_STEP = 10
 """Number of candidates shown for each step, in addition to those that were refitted."""
 
@@ -164,23 +167,34 @@ def build_ranking_figure(diagnosis: Diagnosis) -> "Figure":
 
     steps = [(step, rank_candidates(diagnosis, step)) for step in diagnosis.selection_history]
     shown = [[b for k, b in enumerate(bars) if b.bic_drop is not None or k < MAX_BARS_PER_STEP] for _, bars in steps]
+    titles = [
+        _format_step_title(number, step, len(all_bars) - len(bars))
+        for number, ((step, all_bars), bars) in enumerate(zip(steps, shown, strict=True), start=1)
+    ]
     with use_style() as create_figure:
-        figure = create_figure(0.6 + sum(1.2 + 0.27 * len(bars) for bars in shown))
-        ratios = [1.2 + 0.27 * len(bars) for bars in shown]
+        ratios = [
+            1.0 + 0.2 * len(title.splitlines()) + 0.27 * len(bars) for title, bars in zip(titles, shown, strict=True)
+        ]
+        figure = create_figure(0.6 + sum(ratios))
         axes = figure.subplots(len(steps), 1, squeeze=False, sharex=True, height_ratios=ratios)[:, 0]
         highest = max((max(b.predicted_drop, b.bic_drop or 0.0) for bars in shown for b in bars), default=1.0)
-        for number, (axis, (step, all_bars), bars) in enumerate(zip(axes, steps, shown, strict=True), start=1):
+        for axis, title, bars in zip(axes, titles, shown, strict=True):
             _plot_ranking(axis, bars, diagnosis.bic_threshold)
-            n_omitted = len(all_bars) - len(bars)
-            omitted = f"; {n_omitted} candidates with smaller predictions omitted" if n_omitted else ""
-            added = f"{words.format_term(step.added_term)} is added: " if step.added_term else "nothing is added: "
-            axis.set_title(f"step {number}: {added}{_shorten(words.humanize_text(step.reason))}{omitted}", loc="left")
+            axis.set_title(title, loc="left")
         axes[0].set_xscale("log")
         axes[0].set_xlim(1.0, 6.0 * max(highest, 10.0))
         axes[0].xaxis.set_major_locator(LogLocator(numticks=12))
         axes[-1].set_xlabel("drop of chi squared (predicted) and of BIC (refitted), logarithmic")
         figure.legend(handles=handles, loc="outside upper center", ncols=4)
     return figure
+
+
+def _format_step_title(number: int, step: SelectionStep, n_omitted: int) -> str:
+    """Return what step ``number`` added and why, in lines that fit above the bars beside the names of candidates."""
+    omitted = f"; {n_omitted} candidates with smaller predictions omitted" if n_omitted else ""
+    added = f"{words.format_term(step.added_term)} is added: " if step.added_term else "nothing is added: "
+    title = f"step {number}: {added}{_shorten(words.humanize_text(step.reason))}{omitted}"
+    return textwrap.fill(title, MAX_TITLE_LINE_CHARS)
 
 
 def _plot_ranking(axis: "Axes", bars: list[RankingBar], threshold: float) -> None:
