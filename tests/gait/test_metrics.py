@@ -229,7 +229,7 @@ def test_summary_lists_the_assumptions() -> None:
     remarks = " ".join(collect_remarks(summary))
     assert "tracked, not predicted" in remarks
     assert "5 assumptions" in remarks
-    assert "the friction fade below 2 bar affects 100 % of the stride" in remarks
+    assert "for 100 % of the stride the pressure is below 2 bar, where the friction is extrapolated" in remarks
     assert "no source" not in remarks
     without = " ".join(collect_remarks({**summary, "without_source": ["muscle.count", "tendon.engagement_mm"]}))
     assert "2 of the device's numbers have no source" in without

@@ -59,7 +59,7 @@ RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]], .
 DEVICE_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]], ...] = (
     ("actuator peak moment", "N·m/kg", ".3f", lambda s: s.actuator_moment_peak_nm_per_kg),
     ("actuator net work", "J/kg", "+.3f", lambda s: s.actuator_work_net_j_per_kg),
-    ("friction offset work", "J/kg", "+.3f", lambda s: s.friction_offset_work_j_per_kg),
+    ("energy from friction offset", "J/kg", "+.3f", lambda s: s.friction_offset_work_j_per_kg),
     ("air drawn (gas model assumed)", "g", ".2f", lambda s: s.air_g),
     ("air leaked", "g", ".3f", lambda s: s.air_leaked_g),
     ("energy not accounted for", "%", ".4f", lambda s: s.ledger_residual_pct),
@@ -252,7 +252,7 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
             "tank runs empty, or the command exceeds the supply. The means hide this."
         )
     below_fit, n_unsourced = summary["below_friction_fit_pct"], len(summary["without_source"])
-    fade = f"; the friction fade below 2 bar affects {below_fit:.0f} % of the stride"
+    fade = f"; for {below_fit:.0f} % of the stride the pressure is below 2 bar, where the friction is extrapolated"
     unsourced = f" {n_unsourced} of the device's numbers have no source." if n_unsourced else ""
     remarks.append(
         f"The result rests on {len(summary['assumptions'])} assumptions (see summary.json)"
