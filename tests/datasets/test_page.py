@@ -20,7 +20,8 @@ def find_code_blocks(kind: str) -> list[str]:
 
 
 def find_toml(section: str) -> str:
-    (text,) = (block for block in find_code_blocks("toml") if section in block)
+    """Return the whole dataset file with ``section``; fragments begin without ``format``."""
+    (text,) = (block for block in find_code_blocks("toml") if section in block and block.startswith("format"))
     return text
 
 
@@ -49,6 +50,19 @@ def test_example_of_declared_quantities_is_a_valid_dataset(tmp_path: Path) -> No
     assert [trial.input_noise["length"] for trial in dataset.trials] == pytest.approx([5e-5, 2e-4])
     assert dataset.tolerance == pytest.approx({"force": 1.8, "pressure": 5e3})
     assert [trial.limits["force"] for trial in dataset.trials] == [(-9.0, 1150.0), (-9.0, 1150.0)]
+
+
+def test_fragment_for_a_logged_pressure_replaces_the_command(tmp_path: Path) -> None:
+    (fragment,) = (block for block in find_code_blocks("toml") if block.startswith("[columns]"))
+    head = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "klute-3-4-pair"\n'
+    (tmp_path / "dataset.toml").write_text(f'{head}{fragment}[[trial]]\nfiles = ["a.csv"]\n')
+    time = np.arange(10.0)
+    columns = {"time [s]": time, "length [mm]": 340 + time, "pressure [bar]": 0.1 * time, "force [N]": 10 * time}
+    write_trial(tmp_path / "a.csv", columns)
+    (trial,) = load_dataset(tmp_path).trials
+    assert trial.prescribed["pressure_command"].value[-1] == pytest.approx(9e4)
+    assert trial.input_noise["pressure_command"] == pytest.approx(2e3)
+    assert "pressure" not in trial.measured
 
 
 def test_example_of_columns_is_a_valid_dataset(tmp_path: Path) -> None:
