@@ -25,7 +25,7 @@ EFFECT_OPTIONS = ["--only", "braid_hysteresis", "--only", "seal_friction"]
 """Effects that the diagnosis considers, which limits its duration."""
 VIEWS = {
     "gait": (["gait", "--strides", "2"], ["--at", "1.65"]),
-    "walk": (["walk", "--seconds", "8"], ["--at", "5.3"]),
+    "walk": (["walk", "--seconds", "8"], []),
     "diagnose": (["diagnose", "data", "--example", *EFFECT_OPTIONS], []),
 }
 """Command that creates the folder, and options of the view, by name of the figure."""

@@ -7,7 +7,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, KluteSimWarning
 from klute_sim.viewer import chart, heatmap, stream
 from klute_sim.viewer.picture import picture, render, render_scene, rrd_reader
 from klute_sim.viewer.picture.rrd_reader import Container, Entity, RrdContents, View
@@ -197,3 +197,25 @@ def test_unsupported_picture_formats_are_refused(tmp_path: Path) -> None:
         ):
             picture.save_pictures(tmp_path / "none.rrd", tmp_path / name)
     assert not list(tmp_path.iterdir())
+
+
+def test_cursor_begins_in_what_the_curves_show(
+    file: Path, contents: RrdContents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(picture, "_find_shown_span", lambda _: (0.2, 0.4))
+    assert picture.compute_middle_cursor(contents) == pytest.approx(0.3)
+    with pytest.warns(KluteSimWarning, match=r"the curves show 0\.2 to 0\.4, and the cursor is at 0\.9"):
+        picture.save_pictures(file, tmp_path / "window.png", 0.9)
+
+
+@pytest.mark.parametrize(
+    ("name", "slug"),
+    [
+        ("work loop of the ankle (counter-clockwise: positive net work)", "work-loop-of-the-ankle"),
+        ("leg (tendon: red at peak force)", "leg"),
+        ("ground reaction, vertical and forward, of both legs [N]", "ground-reaction-vertical-and-forward-of"),
+        ("(all)", "view"),
+    ],
+)
+def test_names_of_pictures_end_between_words(name: str, slug: str) -> None:
+    assert picture._slugify(name) == slug

@@ -24,7 +24,8 @@ from klute_sim.cli.common import NonEmptyPath
     type=common.NumberWithUnit(),
     default=None,
     metavar="POSITION",
-    help="With --picture: position of the cursor on the timeline [s, or step number].  [default: the middle]",
+    help="With --picture: position of the cursor on the timeline [s, or step number].  [default: the middle of what "
+    "is shown]",
 )
 def command(path: Path, web: bool, picture: Path | None, at: float | None) -> None:
     """Open results in the rerun viewer, with a layout for their kind.

@@ -5,13 +5,14 @@ none.
 """
 
 import re
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, KluteSimWarning
 from klute_sim.viewer.picture import render, render_scene, rrd_reader
 from klute_sim.viewer.picture.rrd_reader import Container, RrdContents, View
 
@@ -36,6 +37,8 @@ UNSUPPORTED_SUFFIXES = {
     ".webp",
 }
 """Suffixes of picture formats that are not supported; a folder hardly has such a name."""
+MAX_SLUG_CHARS = 40
+"""Largest number of characters of the name of a view in a file name."""
 MAX_PAGE_HEIGHT_IN = 14.0
 """Maximum height of the picture of a text [inches]."""
 
@@ -50,6 +53,12 @@ def save_pictures(rrd_path: Path, out: Path, cursor: float | None = None) -> lis
         raise InputError(f"cannot write {out}: pictures are PNG files; give a file name that ends in .png, or a folder")
     rrd = rrd_reader.read_rrd(rrd_path)
     position = compute_middle_cursor(rrd) if cursor is None else cursor
+    span = _find_shown_span(rrd)
+    if span is not None and not span[0] <= position <= span[1]:
+        shown = f"the curves show {span[0]:.4g} to {span[1]:.4g}"
+        warnings.warn(
+            f"{shown}, and the cursor is at {position:.4g}: only the leg shows it", KluteSimWarning, stacklevel=2
+        )
     try:
         if out.suffix.lower() == ".png":
             out.parent.mkdir(parents=True, exist_ok=True)
@@ -70,14 +79,23 @@ def _save_figure(figure: "Figure", path: Path) -> None:
 
 
 def _slugify(name: str) -> str:
-    """Return ``name`` as part of a file name."""
-    return re.sub(r"[^a-z0-9]+", "-", name.split("[")[0].lower()).strip("-")[:40] or "view"
+    """Return ``name`` as part of a file name, cut between words."""
+    slug = re.sub(r"[^a-z0-9]+", "-", re.split(r"[\[(]", name)[0].lower()).strip("-")
+    return (slug if len(slug) <= MAX_SLUG_CHARS else slug[: MAX_SLUG_CHARS + 1].rpartition("-")[0]) or "view"
 
 
 def compute_middle_cursor(rrd: RrdContents) -> float:
-    """Return the middle of the timeline, or 0 if nothing is on it."""
+    """Return the middle of what the curves show, else of the timeline, or 0 if nothing is on it."""
+    span = _find_shown_span(rrd)
+    if span is not None:
+        return 0.5 * (span[0] + span[1])
     stamps = [e.get_times(rrd.timeline) for e in rrd.entities.values() if rrd.timeline in e.times]
     return 0.5 * float(min(map(np.min, stamps)) + max(map(np.max, stamps))) if stamps else 0.0
+
+
+def _find_shown_span(rrd: RrdContents) -> tuple[float, float] | None:
+    """Return the part of the timeline that the curves show first; None: all of it."""
+    return next((view.span for view in rrd_reader.iter_views(rrd.root) if view.span is not None), None)
 
 
 def build_window_figure(rrd: RrdContents, cursor: float) -> "Figure":
