@@ -284,7 +284,7 @@ def test_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     assert verdict == json.loads((tmp_path / "results" / "verdict.json").read_text("utf-8"))
     assert set(verdict) == {
         *("schema", "verdict", "reasons", "effects", "numbers", "alternatives", "indistinguishable", "split"),
-        *("where", "gap", "held_out", "prediction", "recommended"),
+        *("where", "gap", "held_out", "prediction", "recommended", "direct_measurements"),
         *("rejected", "next_experiment", "device_file", "accepted"),
     }
     assert verdict["schema"] == "klute-sim-verdict/2"
