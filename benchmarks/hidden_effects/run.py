@@ -103,7 +103,7 @@ def run_diagnosis(dataset: Path, exclude: tuple[str, ...], n_jobs: int) -> Verdi
 
 
 def run_measured(command: Sequence[str]) -> tuple[subprocess.CompletedProcess[str], float, float]:
-    """Run ``command``; return it with its output, the elapsed and the processor time [s] of it and its children."""
+    """Run ``command`` (POSIX); return it with its output, and the elapsed and processor time [s], children included."""
     with (
         tempfile.TemporaryFile("w+", encoding="utf-8") as stdout,
         tempfile.TemporaryFile("w+", encoding="utf-8") as stderr,

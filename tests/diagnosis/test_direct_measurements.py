@@ -58,6 +58,17 @@ def test_difference_below_the_accuracy_is_not_proposed() -> None:
         assert len(list_direct_measurements([make_fit(), fit])) == count
 
 
+def test_number_of_a_model_has_its_unit() -> None:
+    name = "model.geom.load.mass"
+    term = EffectTerm("number_error", "value", number=name)
+    hypothesis = Hypothesis(DEVICE, (), (("force", 3.0),), (term,), mechanism_numbers=((name, 1.0),))
+    x = np.array([hypothesis.parameters[0].normalize(1.08)])
+    heavier = Fit(hypothesis, x, np.zeros(1), np.ones((1, 1)), True, [])
+    (weight,) = list_direct_measurements([make_fit(), heavier])
+    assert (weight.expected, weight.otherwise, weight.unit) == (pytest.approx(1.08), 1.0, "kg")
+    assert "Weigh the part: 1.08 kg confirms" in weight.to_dict()["sentence"]
+
+
 def test_methods_belong_to_numbers_and_parameters_that_exist() -> None:
     known = {
         key for name in ("klute-3-4-pair", "klute-1-1-4-pair-valve") for key in load_device(name).spec.collect_values()

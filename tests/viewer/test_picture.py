@@ -204,7 +204,7 @@ def test_cursor_begins_in_what_the_curves_show(
 ) -> None:
     monkeypatch.setattr(picture, "_find_shown_span", lambda _: (0.2, 0.4))
     assert picture.compute_middle_cursor(contents) == pytest.approx(0.3)
-    with pytest.warns(KluteSimWarning, match=r"the curves show 0\.2 to 0\.4, and the cursor is at 0\.9"):
+    with pytest.warns(KluteSimWarning, match=r"the curves show 0\.2 to 0\.4; the cursor, at 0\.9, is outside"):
         picture.save_pictures(file, tmp_path / "window.png", 0.9)
 
 

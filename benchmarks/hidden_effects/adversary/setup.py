@@ -28,7 +28,7 @@ DECLARED: Mapping[str, float] = {
 """Key of the device file -> relative standard deviation that the dataset declares, as in the other blocks."""
 MIN_PRESENT_SIZE = 0.1
 """Contribution over the noise from which a departure is there to be named: the 10 000 readings of a dataset, if one in
-five is independent, show it with four and a half standard errors."""
+five is independent (assumed), show it with four and a half standard errors."""
 REGISTRATION_M = 0.5e-3
 """Standard deviation of the zero of the logged length [m]."""
 DIFFERENCE = 0.3

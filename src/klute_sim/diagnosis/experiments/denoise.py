@@ -19,13 +19,13 @@ from klute_sim.types import Array, Mask
 WINDOW_SIZES = (5, 9, 17, 33)
 """Odd numbers of samples, to which parabolas are fitted (Savitzky and Golay, 1964)."""
 HOLD_WINDOW = 17
-"""Number of samples whose slope tells a hold from a motion, and smallest length of a hold."""
+"""Number of samples whose slope tells a hold from a motion, and smallest length of a hold (assumed)."""
 END_WINDOW = 5
-"""Number of samples whose mean tells where a hold begins and ends."""
+"""Number of samples whose mean tells where a hold begins and ends (assumed)."""
 MAX_SLOPE_SIGMAS = 4.0
-"""Largest slope in a hold, in its standard errors."""
+"""Largest slope in a hold, in its standard errors (assumed)."""
 MAX_HOLD_VARIATION = 1.2
-"""Largest standard deviation of the samples of a hold, over that of the noise."""
+"""Largest standard deviation of the samples of a hold, over that of the noise (assumed)."""
 CONFIDENCE_SIGMAS = 2.0
 """Half width of a confidence interval, and largest change of a sample, in standard deviations of its noise."""
 MAX_CHANGE_SIGMAS = 5.0
@@ -34,9 +34,10 @@ MAX_INTERVAL_VARIATION = 0.01
 """Largest variation of the sampling interval, as a fraction of it, of a signal that counts as evenly sampled."""
 MIN_REGULAR_FRACTION = 0.9
 """Smallest fraction of equal sampling intervals of an uneven signal that is smoothed outside of holds: what an
-irregular one is between its samples is not known well enough."""
+irregular one is between its samples is not known well enough (assumed)."""
 MAX_STRETCH = 4
-"""Largest number of even samples per sample of an unevenly sampled signal; a pause in a log would take any number."""
+"""Largest number of even samples per sample of an unevenly sampled signal; a pause in a log would take any
+number (assumed)."""
 
 
 def estimate_white_noise(time: Array, value: Array) -> float:

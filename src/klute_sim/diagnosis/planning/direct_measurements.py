@@ -7,13 +7,15 @@ expects a value of it, and the others expect the declared one.
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.effects.effect import EffectParameter
 from klute_sim.units import split_unit
 
 DECISIVE_RATIO = 4.0
-"""Smallest difference between the expected values, in accuracies of the measurement, that is worth a measurement."""
+"""Smallest difference between the expected values, in accuracies of the measurement, that is worth a measurement
+(assumed)."""
 
 
 class MeasurementMethod(NamedTuple):
@@ -53,11 +55,12 @@ NUMBER_METHODS: Mapping[str, MeasurementMethod] = {
     "supply.pressure_bar": MeasurementMethod("Read a reference gauge at the supply", 0.0, 3e-3),
 }
 """``section.key`` of the device file -> how to measure it."""
-MODEL_NUMBER_METHODS: Mapping[str, MeasurementMethod] = {
-    "mass": MeasurementMethod("Weigh the part", 0.0, 2e-3),
-    **dict.fromkeys(("pos_x", "pos_y", "pos_z"), MeasurementMethod("Measure the position with a steel rule", 5e-4)),
+_STEEL_RULE = MeasurementMethod("Measure the position with a steel rule", 5e-4)
+MODEL_NUMBER_METHODS: Mapping[str, tuple[MeasurementMethod, str]] = {
+    "mass": (MeasurementMethod("Weigh the part", 0.0, 2e-3), "kg"),
+    **dict.fromkeys(("pos_x", "pos_y", "pos_z"), (_STEEL_RULE, "m")),
 }
-"""Number of an MJCF model -> how to measure it."""
+"""Number of an MJCF model -> how to measure it, and its unit."""
 EFFECT_METHODS: Mapping[tuple[str, str], MeasurementMethod] = {
     ("oil_temperature", "temperature_c"): MeasurementMethod("Read a thermometer in the oil", 1.0),
     ("hose", "length_m"): MeasurementMethod("Measure the hose between regulator and muscle with a tape", 0.02, 0.01),
@@ -150,10 +153,12 @@ def _iterate_measurements(fit: Fit, index: int, term: EffectTerm) -> Iterator[Di
     rows = zip(fit.hypothesis.parameters, fit.values, strict=True)
     values = {parameter.name: (parameter.initial, value) for parameter, value in rows if parameter.term_index == index}
     if term.number is not None:
-        method = NUMBER_METHODS.get(term.number) or MODEL_NUMBER_METHODS.get(term.number.rpartition(".")[2])
-        if method is not None and term.number in values:
+        if is_model_number(term.number):
+            method, unit = MODEL_NUMBER_METHODS.get(term.number.rpartition(".")[2], (None, ""))
+        else:
+            method, unit = NUMBER_METHODS.get(term.number), split_unit(term.number)[1]
+        if method is not None:
             declared, expected = values[term.number]
-            unit = split_unit(term.number)[1]
             yield DirectMeasurement(term.qualified_name, term.number, method, expected, declared, unit)
         return
     for parameter in term.parameters:

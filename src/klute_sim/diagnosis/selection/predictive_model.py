@@ -152,11 +152,15 @@ def choose_stable_model(
     folds = np.arange(n_folds)
     chosen = choose_model(models, folds)
     again = [choose_model(models, np.delete(folds, k)).identities for k in range(n_folds)]
-    stability = {term: float(np.mean([term.identity in names for names in again])) for term in chosen.terms}
+
+    def measure_stability(model: PredictiveModel) -> dict[EffectTerm, float]:
+        return {term: float(np.mean([term.identity in names for names in again])) for term in model.terms}
+
+    stability = measure_stability(chosen)
     stable = frozenset(term.identity for term, fraction in stability.items() if fraction >= MIN_STABILITY)
     if stable and stable != chosen.identities:
         chosen = choose_model([model for model in models if model.identities <= stable], folds)
-        stability = {term: float(np.mean([term.identity in names for names in again])) for term in chosen.terms}
+        stability = measure_stability(chosen)
     return chosen, stability
 
 

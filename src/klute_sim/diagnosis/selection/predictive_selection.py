@@ -11,8 +11,8 @@ three things change:
 - *Decision*: each condition is left out once, or each specimen where there are three or more, or contiguous parts of
   the trials where there are fewer than three conditions (blocked cross-validation: Roberts et al. 2017, Ecography
   40:913). The simplest model whose error of prediction is within one standard error of the smallest is chosen (Breiman
-  et al. 1984, *Classification and Regression Trees*, section 3.4.3). Its names must be chosen again without any fold;
-  those that are not are left out of it.
+  et al. 1984, *Classification and Regression Trees*, section 3.4.3). Names that are
+  not chosen again without one fold or another are left out.
 """
 
 from collections.abc import Callable, Sequence

@@ -23,7 +23,7 @@ MAX_END_GAP_PCT = 5.0
 MIN_ROWS = 20
 """Smallest number of rows of a stride."""
 N_FINE_ROWS = 200
-"""Number of rows to which a coarser stride is interpolated."""
+"""Number of rows to which a coarser stride is interpolated (assumed)."""
 _PERCENT_WORDS = {"percent", "percentage", "pct", "%"}
 _CYCLE_WORDS = {"cycle", "phase", "stride"}
 _OTHER_WORDS = {"gait", "of", "time", "normalized", "normalised", "the"}

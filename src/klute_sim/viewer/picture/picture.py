@@ -56,9 +56,7 @@ def save_pictures(rrd_path: Path, out: Path, cursor: float | None = None) -> lis
     span = _find_shown_span(rrd)
     if span is not None and not span[0] <= position <= span[1]:
         shown = f"the curves show {span[0]:.4g} to {span[1]:.4g}"
-        warnings.warn(
-            f"{shown}, and the cursor is at {position:.4g}: only the leg shows it", KluteSimWarning, stacklevel=2
-        )
+        warnings.warn(f"{shown}; the cursor, at {position:.4g}, is outside of them", KluteSimWarning, stacklevel=2)
     try:
         if out.suffix.lower() == ".png":
             out.parent.mkdir(parents=True, exist_ok=True)
