@@ -24,7 +24,7 @@ WIDTH_PIXELS = 1200
 EFFECT_OPTIONS = ["--only", "braid_hysteresis", "--only", "seal_friction"]
 """Effects that the diagnosis considers, which limits its duration."""
 VIEWS = {
-    "gait": (["gait", "--strides", "2"], ["--at", "1.65"]),
+    "gait": (["gait", "--strides", "2"], ["--at", "50"]),
     "walk": (["walk", "--seconds", "8"], []),
     "diagnose": (["diagnose", "data", "--example", *EFFECT_OPTIONS], []),
 }

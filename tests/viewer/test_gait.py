@@ -18,7 +18,7 @@ from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
-from klute_sim.viewer import scene, stream
+from klute_sim.viewer import gait_cycle, scene, stream
 from klute_sim.viewer.folders import ensure_recording
 from klute_sim.viewer.layouts import gait as writer
 from klute_sim.viewer.picture import rrd_reader
@@ -52,25 +52,26 @@ def file(folder: Path) -> Path:
         return rrd_path
 
 
-def read(file: Path, *, static: bool) -> dict[str, list[Any]]:
+def read(file: Path, timeline: str | None) -> dict[str, list[Any]]:
+    """What is on ``timeline``; None: what is static."""
     import rerun as rr
 
     chunks: dict[str, list[Any]] = {}
     for chunk in rr.chunk.RrdReader(file).stream():
-        if chunk.is_static == static:
+        if chunk.is_static if timeline is None else timeline in chunk.timeline_names:
             chunks.setdefault(str(chunk.entity_path).lstrip("/"), []).append(chunk.to_record_batch())
     return chunks
 
 
 @pytest.fixture(scope="module")
 def chunks(file: Path) -> dict[str, list[Any]]:
-    return read(file, static=False)
+    return read(file, writer.TIMELINE)
 
 
 @cache
 def moved() -> list[mujoco.MjData]:
     """The model at every frame, its joints set from the channels by hand."""
-    model, frames = rig(), scene.compute_postures(stride(), rig())[0]
+    model, frames = rig(), scene.select_frames(stride())
     poses = []
     for frame in frames:
         data = mujoco.MjData(model)
@@ -133,7 +134,7 @@ def test_work_loop_is_that_of_the_ankle_with_a_moving_marker(chunks: dict[str, l
     angle, moment = stride()["ankle_angle"], stride()["ankle_moment"]
     for position, value in ((markers[:, 0], angle), (-markers[:, 1], moment)):  # y is down
         assert np.corrcoef(position, value)[0, 1] == pytest.approx(1.0, abs=1e-9)
-    batches = read(file, static=True)[f"{writer.LOOP_ENTITY}/curve_001"]
+    batches = read(file, None)[f"{writer.LOOP_ENTITY}/curve_001"]
     (strips,) = [b for b in batches if any(n.endswith("strips") for n in b.schema.names)]
     (points,) = column([strips], "LineStrips2D:strips")[0]
     for point in np.array(points)[:: len(points) // 20]:
@@ -142,7 +143,7 @@ def test_work_loop_is_that_of_the_ankle_with_a_moving_marker(chunks: dict[str, l
 
 def test_samples_and_poses_have_their_times(chunks: dict[str, list[Any]]) -> None:
     time = stride()["time"]
-    frames, _ = scene.compute_postures(stride(), rig())
+    frames = scene.select_frames(stride())
     for entity, expected in [("channels/force", time), ("world/prosthesis_foot", time[frames])]:
         stamps = [batch.column(writer.TIMELINE).cast("int64").to_numpy() for batch in chunks[entity]]
         assert 1e-9 * np.concatenate(stamps) == pytest.approx(expected, abs=2e-9)
@@ -168,17 +169,73 @@ def test_band_is_one_standard_deviation_wide(chunks: dict[str, list[Any]]) -> No
     assert np.sqrt(variance) == pytest.approx(stride()["reference_ankle_moment_sd"])
 
 
-def test_window_opens_on_the_last_stride_and_repeats_it(file: Path) -> None:
+def get_time_panel(file: Path) -> rrd_reader.Entity:
     import rerun as rr
 
-    views = rrd_reader.iter_views(rrd_reader.read_rrd(file).root)
-    spans = {view.name: view.span for view in views if view.kind == "TimeSeries"}
-    last = stride()["time"][stride()["stride"] == stride()["stride"][-1]]
-    assert spans["ankle angle [deg], dorsiflexion up"] == pytest.approx((last[0], last[-1]))
-    assert spans["device energies [J], output since the start"] is None
     (layout,) = rr.chunk.RrdReader(file).blueprints()
-    panel = rrd_reader._collect_entities(rr.chunk.RrdReader(file).stream(store=layout))["time_panel"]
-    assert panel.rows["loop_mode"][-1] == [2]
+    return rrd_reader._collect_entities(rr.chunk.RrdReader(file).stream(store=layout))["time_panel"]
+
+
+def test_window_opens_on_the_last_stride_over_the_gait_cycle_and_repeats_it_in_real_time(file: Path) -> None:
+    contents = rrd_reader.read_rrd(file)
+    assert contents.timeline == "gait cycle [%]"
+    assert [view.span for view in rrd_reader.iter_views(contents.root) if view.span] == []  # both timelines whole
+    panel = get_time_panel(file)
+    assert panel.rows["loop_mode"][-1] == [3]
+    duration = stride()["time"][-1] - stride()["time"][0]
+    assert panel.rows["fps"][-1] == pytest.approx([100.0 / duration])
+
+
+def test_gait_cycle_has_the_101_points_of_the_last_stride(folder: Path, tmp_path: Path) -> None:
+    first, second = stride(), Recording(dict(stride().channels), stride().units, stride().provenance)
+    second.channels["time"] = second["time"] + 1.1
+    second.channels["stride"] = second["stride"] + 1.0
+    second.channels["force"] = 1.5 * second["force"]
+    joined = {name: np.concatenate([samples, second[name]]) for name, samples in first.channels.items()}
+    recording = Recording(joined, stride().units, stride().provenance)
+    samples = gait_cycle.find_samples(recording)
+    assert samples[0] == len(first)
+    assert samples[-1] == len(recording) - 1
+    half_interval = 0.5 * (recording["gait_phase"][1] - recording["gait_phase"][0])
+    assert np.abs(recording["gait_phase"][samples] - np.arange(101))[:-1].max() <= half_interval + 1e-9
+    writer.write_recording(recording, rig(), tmp_path / "r.rrd")
+    contents = rrd_reader.read_rrd(tmp_path / "r.rrd")
+    for name in ("force", "reference_ankle_angle", "air_mass"):
+        entity = contents.entities[f"channels/{name}"]
+        assert np.array_equal(entity.get_times(gait_cycle.TIMELINE), np.arange(101))
+        assert np.array_equal(np.ravel(entity.rows["scalars"]), recording[name][samples])
+    band = contents.entities["band/ankle_angle"]
+    assert np.ravel(band.rows["values"]) == pytest.approx(recording["reference_ankle_angle"][samples])
+    foot = contents.entities["world/prosthesis_foot"]
+    assert np.array(foot.rows["translation"])[:, 0, 0] == pytest.approx(recording["ankle_x"][samples], abs=1e-6)
+
+
+def test_totals_begin_at_0_on_both_timelines(chunks: dict[str, list[Any]], file: Path) -> None:
+    of_stride = read(file, gait_cycle.TIMELINE)
+    for entity in writer.TOTALS:
+        assert scalars(of_stride, entity)[0] == 0.0
+        assert scalars(of_stride, entity)[-1] == pytest.approx(
+            scalars(chunks, entity)[-1] - scalars(chunks, entity)[0], abs=1e-9
+        )
+
+
+def test_work_loop_shows_earlier_strides_thinly() -> None:
+    channels = {name: np.tile(samples, 2) for name, samples in stride().channels.items()}
+    channels["stride"] = np.repeat([1.0, 2.0], len(stride()))
+    curves = writer.build_loop_chart(Recording(channels, stride().units, stride().provenance)).curves
+    assert [(curve.name, curve.thin, len(curve.x)) for curve in curves] == [
+        (name, thin, len(stride()))
+        for name, thin in (("earlier strides", True), ("human", True), ("prosthesis", False))
+    ]
+
+
+def test_plots_have_room_for_their_bands(file: Path) -> None:
+    ranges = {view.name: view.value_range for view in rrd_reader.iter_views(rrd_reader.read_rrd(file).root)}
+    low, high = ranges["ankle angle [deg], dorsiflexion up"] or (np.nan, np.nan)
+    mean, sd = stride()["reference_ankle_angle"], stride()["reference_ankle_angle_sd"]
+    assert low < (mean - sd).min()
+    assert high > (mean + sd).max()
+    assert ranges["device forces [N]"] is None
 
 
 def test_legend_lies_where_the_lines_leave_room() -> None:
@@ -191,7 +248,7 @@ def test_legend_lies_where_the_lines_leave_room() -> None:
 
 def test_body_positions_match_the_simulation(chunks: dict[str, list[Any]]) -> None:
     places = np.array(column(chunks["world/prosthesis_foot"], "Transform3D:translation"), dtype=np.float64)
-    frames, _ = scene.compute_postures(stride(), rig())
+    frames = scene.select_frames(stride())
     places = places.reshape(len(frames), 3)
     assert places[:, 0] == pytest.approx(stride()["ankle_x"][frames], abs=1e-6)
     assert places[:, 2] == pytest.approx(stride()["ankle_z"][frames], abs=1e-6)
@@ -210,7 +267,7 @@ def test_body_poses_match_the_model(chunks: dict[str, list[Any]]) -> None:
 
 def test_geometry_matches_the_model(file: Path) -> None:
     model = rig()
-    static_chunks = read(file, static=True)
+    static_chunks = read(file, None)
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
         name = model.geom(geom).name or f"geom_{geom}"
@@ -228,7 +285,7 @@ def test_geometry_matches_the_model(file: Path) -> None:
 
 
 def test_muscle_and_tendon_span_the_sites(chunks: dict[str, list[Any]]) -> None:
-    frames, _ = scene.compute_postures(stride(), rig())
+    frames = scene.select_frames(stride())
     muscle, tendon = (
         np.array([strip[0] for strip in column(chunks[f"world/{name}"], "LineStrips3D:strips")])
         for name in ("muscle", "achilles")
@@ -243,7 +300,7 @@ def test_muscle_and_tendon_span_the_sites(chunks: dict[str, list[Any]]) -> None:
 
 def test_tendon_colour_follows_its_force(chunks: dict[str, list[Any]]) -> None:
     colours = [c[0] for c in column(chunks["world/achilles"], "LineStrips3D:colors")]
-    frames, _ = scene.compute_postures(stride(), rig())
+    frames = scene.select_frames(stride())
     force = stride()["force"][frames]
     assert len(colours) == len(frames)
     red = np.array([colour >> 24 & 255 for colour in colours])
@@ -255,7 +312,7 @@ def test_tendon_colour_follows_its_force(chunks: dict[str, list[Any]]) -> None:
 
 def test_ground_reaction_is_zero_in_swing(chunks: dict[str, list[Any]]) -> None:
     arrows = np.array(column(chunks["world/ground_reaction"], "Arrows3D:vectors"), dtype=np.float64).reshape(-1, 3)
-    frames, _ = scene.compute_postures(stride(), rig())
+    frames = scene.select_frames(stride())
     phase = stride()["gait_phase"][frames]
     assert np.abs(arrows[(phase > 70) & (phase < 90)]).max() == 0.0
     feet = np.array(column(chunks["world/ground_reaction"], "Arrows3D:origins"), dtype=np.float64).reshape(-1, 3)
@@ -281,6 +338,7 @@ def test_optional_channel_may_be_missing(without: str, tmp_path: Path) -> None:
 
 
 def test_single_sample_gives_one_pose() -> None:
-    frames, positions = scene.compute_postures(stride().select(slice(0, 1)), rig())
+    recording = stride().select(slice(0, 1))
+    frames = scene.select_frames(recording)
     assert frames.tolist() == [0]
-    assert len(positions) == 1
+    assert len(scene.compute_postures(recording, rig(), frames)) == 1

@@ -6,6 +6,7 @@ from typing import Any
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from klute_sim.errors import InputError, KluteSimWarning
 from klute_sim.viewer import chart, heatmap, stream
@@ -48,7 +49,8 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with stream.open_recording(path, "test", ["one"], layout) as out:
         axis = rr.TimeColumn("time", duration=TIME)
         stream.send_lines(out, axis, [SeriesLine("wave", "a wave", RED, 2.0, np.sin(TIME))])
-        chart.log_chart(out, LOOP, axis, (np.cos(np.pi * TIME), np.sin(np.pi * TIME)))
+        chart.log_chart(out, LOOP)
+        chart.log_marker(out, LOOP, axis, np.cos(np.pi * TIME), np.sin(np.pi * TIME))
         heatmap.log_heatmap(out, MAP)
         stream.log_text(
             out, "page", "# Title\n\nSome words.\n\n" + stream.format_markdown_table(["name", "value"], [["x", 1.25]])
@@ -202,10 +204,28 @@ def test_unsupported_picture_formats_are_refused(tmp_path: Path) -> None:
 def test_cursor_begins_in_what_the_curves_show(
     file: Path, contents: RrdContents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(picture, "_find_shown_span", lambda _: (0.2, 0.4))
-    assert picture.compute_middle_cursor(contents) == pytest.approx(0.3)
-    with pytest.warns(KluteSimWarning, match=r"the curves show 0\.2 to 0\.4; the cursor, at 0\.9, is outside"):
-        picture.save_pictures(file, tmp_path / "window.png", 0.9)
+    assert picture._find_shown_span(contents) == pytest.approx((0.0, 2.0))
+    view = get_view(contents, "wave [N]")
+    assert picture._find_shown_span(contents._replace(root=view._replace(span=(0.2, 0.4)))) == (0.2, 0.4)
+    cursors = []
+    monkeypatch.setattr(picture, "build_window_figure", lambda _, cursor: cursors.append(cursor) or Figure())
+    picture.save_pictures(file, tmp_path / "window.png")
+    assert cursors == [pytest.approx(1.0)]
+    with pytest.warns(KluteSimWarning, match="the curves show 0 to 2 on the timeline 'time'; the cursor, at 2.9, is"):
+        picture.save_pictures(file, tmp_path / "window.png", 2.9)
+
+
+def test_only_values_on_the_selected_timeline_are_read(tmp_path: Path) -> None:
+    def layout() -> Any:
+        return stream.build_window_blueprint(stream.build_plot_view("wave", ["wave"]), "count [%]", frame_rate=50.0)
+
+    with stream.open_recording(tmp_path / "r.rrd", "test", ["two"], layout) as out:
+        for axis in (rr.TimeColumn("time", duration=TIME), rr.TimeColumn("count [%]", sequence=np.arange(21))):
+            out.send_columns("wave", indexes=[axis], columns=rr.Scalars.columns(scalars=np.sin(TIME)))
+    contents = rrd_reader.read_rrd(tmp_path / "r.rrd")
+    (line, _) = get_axis(contents, "wave", 5.0).lines
+    assert np.array_equal(line.get_xdata(), np.arange(21))
+    assert np.array_equal(line.get_ydata(), np.sin(TIME))
 
 
 @pytest.mark.parametrize(

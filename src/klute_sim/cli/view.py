@@ -24,8 +24,8 @@ from klute_sim.cli.common import NonEmptyPath
     type=common.NumberWithUnit(),
     default=None,
     metavar="POSITION",
-    help="With --picture: position of the cursor on the timeline [s, or step number].  [default: the middle of what "
-    "is shown]",
+    help="With --picture: position of the cursor on the timeline, for gait [% of the gait cycle], otherwise [s] or the "
+    "number of a step.  [default: the middle of what is shown]",
 )
 def command(path: Path, web: bool, picture: Path | None, at: float | None) -> None:
     """Open results in the rerun viewer, with a layout for their kind.
@@ -44,7 +44,7 @@ def command(path: Path, web: bool, picture: Path | None, at: float | None) -> No
     Examples:
       klute-sim view runs/gait-001
       klute-sim view runs/diagnose-001 --web
-      klute-sim view runs/gait-001 --picture gait.png --at 0.55
+      klute-sim view runs/gait-001 --picture gait.png --at 50
       klute-sim view runs/sweep-001 --picture pictures
     """
     from klute_sim.errors import InputError

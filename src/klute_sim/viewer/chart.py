@@ -4,7 +4,7 @@ rerun has no such view, so axes and curves are drawn in a 2-D view. Its frame ha
 :data:`FRAME_HEIGHT` units, y down as in rerun; the values are scaled to the frame.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,19 +62,11 @@ def build_view(chart: Chart, name: str) -> Any:
     return rrb.Spatial2DView(origin=f"/{chart.entity}", name=name, visual_bounds=bounds)
 
 
-def log_chart(stream: Any, chart: Chart, axis: Any = None, cursor: tuple[Array, Array] | None = None) -> None:
-    """Log ``chart`` and, with ``axis`` (a rerun TimeColumn), a marker that is at ``cursor`` (x, y) at its times."""
+def log_chart(stream: Any, chart: Chart) -> None:
+    """Log frame, curves and legend of ``chart``."""
     rr = import_rerun()
-    (left, right), (low, high) = (
-        _compute_padded_range(c.x for c in chart.curves),
-        _compute_padded_range(c.y for c in chart.curves),
-    )
-
-    def to_plane(x: Any, y: Any) -> Array:
-        plane_x = FRAME_WIDTH * (np.asarray(x, np.float64) - left) / (right - left)
-        return np.column_stack([plane_x, FRAME_HEIGHT * (high - np.asarray(y, np.float64)) / (high - low)])
-
-    _log_frame(stream, chart, (left, right), (low, high), to_plane)
+    to_plane = _build_projection(chart)
+    _log_frame(stream, chart, to_plane)
     for number, curve in enumerate(chart.curves):
         entity = f"{chart.entity}/curve_{number:03d}"
         is_finite = np.isfinite(curve.x) & np.isfinite(curve.y)
@@ -88,10 +80,30 @@ def log_chart(stream: Any, chart: Chart, axis: Any = None, cursor: tuple[Array, 
             content = rr.LineStrips2D([points], colors=curve.colour, radii=width)
         stream.log(entity, content, static=True)
     _log_legend(stream, chart)
-    if axis is not None and cursor is not None:
-        entity = f"{chart.entity}/marker"
-        stream.log(entity, rr.Points2D.from_fields(colors=WHITE, radii=rr.Radius.ui_points(5.0)), static=True)
-        stream.send_columns(entity, indexes=[axis], columns=rr.Points2D.columns(positions=to_plane(*cursor)))
+
+
+def log_marker(stream: Any, chart: Chart, axis: Any, x: Array, y: Array) -> None:
+    """Log a marker in ``chart`` that is at (``x``, ``y``) at the rows of ``axis`` (a rerun TimeColumn)."""
+    rr, entity = import_rerun(), f"{chart.entity}/marker"
+    stream.log(entity, rr.Points2D.from_fields(colors=WHITE, radii=rr.Radius.ui_points(5.0)), static=True)
+    positions = _build_projection(chart)(x, y)
+    stream.send_columns(entity, indexes=[axis], columns=rr.Points2D.columns(positions=positions))
+
+
+def _compute_ranges(chart: Chart) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the ranges of both axes of ``chart``."""
+    return _compute_padded_range(c.x for c in chart.curves), _compute_padded_range(c.y for c in chart.curves)
+
+
+def _build_projection(chart: Chart) -> Callable[[Any, Any], Array]:
+    """Return the function from values (x, y) to points (n, 2) in the frame of ``chart``."""
+    (left, right), (low, high) = _compute_ranges(chart)
+
+    def to_plane(x: Any, y: Any) -> Array:
+        plane_x = FRAME_WIDTH * (np.asarray(x, np.float64) - left) / (right - left)
+        return np.column_stack([plane_x, FRAME_HEIGHT * (high - np.asarray(y, np.float64)) / (high - low)])
+
+    return to_plane
 
 
 def _compute_padded_range(values: Any) -> tuple[float, float]:
@@ -112,11 +124,9 @@ def compute_ticks(lower: float, upper: float, max_ticks: int = 6) -> list[float]
     return [k * step for k in range(int(np.ceil(lower / step - 1e-9)), int(np.floor(upper / step + 1e-9)) + 1)]
 
 
-def _log_frame(
-    stream: Any, chart: Chart, x_range: tuple[float, float], y_range: tuple[float, float], to_plane: Any
-) -> None:
+def _log_frame(stream: Any, chart: Chart, to_plane: Callable[[Any, Any], Array]) -> None:
     rr = import_rerun()
-    (left, right), (low, high) = x_range, y_range
+    (left, right), (low, high) = _compute_ranges(chart)
     strips = [to_plane([left, right, right, left, left], [low, low, high, high, low])]
     strips += [to_plane([x, x], [low, high]) for x in compute_ticks(left, right)]
     strips += [to_plane([left, right], [y, y]) for y in compute_ticks(low, high, 5)]

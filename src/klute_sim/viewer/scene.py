@@ -51,11 +51,15 @@ def build_view(
     return rrb.Spatial3DView(origin=f"{root}/{origin}", contents=f"{root}/**", name=name, eye_controls=eye)
 
 
-def compute_postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
-    """Return the samples with a pose, and the joint positions (n, nq) at these samples."""
+def select_frames(recording: Recording) -> NDArray[np.int64]:
+    """Return the samples with a pose on a timeline of durations."""
     duration = float(np.ptp(recording["time"]))
-    stride = round((len(recording) - 1) / (FRAME_RATE_HZ * duration)) if duration > 0 else 1
-    frames = np.arange(0, len(recording), max(1, stride))
+    interval = round((len(recording) - 1) / (FRAME_RATE_HZ * duration)) if duration > 0 else 1
+    return np.arange(0, len(recording), max(1, interval))
+
+
+def compute_postures(recording: Recording, model: mujoco.MjModel, frames: NDArray[np.int64]) -> Array:
+    """Return the joint positions (n, nq) at the samples ``frames``."""
     alignment = recording.provenance.get("options", {}).get("alignment_deg", 0.0)
     joints = {
         "carriage_x": recording["carriage_x"],
@@ -74,7 +78,7 @@ def compute_postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArr
     positions = np.zeros((len(frames), model.nq))
     for name, values in joints.items():
         positions[:, model.joint(name).qposadr[0]] = values[frames]
-    return frames, positions
+    return positions
 
 
 def log_scene(
@@ -86,41 +90,49 @@ def log_scene(
     root: str = WORLD_ENTITY,
     hidden: Collection[str] = (),
 ) -> None:
-    """Log geometry once, and body poses, muscle, tendon and ground reaction over ``timeline``, under ``root``.
+    """Log the geometry of ``model``, and its motion (:func:`log_motion`) over ``timeline`` [s], under ``root``.
 
-    Bodies in ``hidden`` are omitted, and so is everything whose channel (force, pressure, muscle length, centre of
-    pressure) is missing.
+    Bodies in ``hidden`` are omitted.
     """
     import rerun as rr
 
-    frames, positions = compute_postures(recording, model)
-    times = [rr.TimeColumn(timeline, duration=recording["time"][frames])]
+    log_geometry(stream, model, root, hidden=hidden, omits_muscle_at_rest=_has_muscle(recording))
+    frames = select_frames(recording)
+    log_motion(stream, recording, model, frames, rr.TimeColumn(timeline, duration=recording["time"][frames]), root)
+
+
+def log_motion(
+    stream: Any,
+    recording: Recording,
+    model: mujoco.MjModel,
+    frames: NDArray[np.int64],
+    axis: Any,
+    root: str = WORLD_ENTITY,
+) -> None:
+    """Log body poses, muscle, tendon and ground reaction at the samples ``frames``, the rows of ``axis``.
+
+    Everything whose channel (force, pressure, muscle length, centre of pressure) is missing is omitted.
+    """
     sites = [PROSTHESIS_PREFIX + name for name in ("achilles_origin", "achilles_insertion")]
-    draws_muscle = "muscle_length" in recording and "pressure" in recording
-    ends = log_bodies(
-        stream, model, positions, times, root, hidden=hidden, sites=sites, omits_muscle_at_rest=draws_muscle
-    )
-    _log_unit(stream, recording, frames, times, ends, root)
+    ends = log_poses(stream, model, compute_postures(recording, model, frames), axis, root, sites=sites)
+    _log_unit(stream, recording, frames, axis, ends, root)
     if "cop_x" in recording:
-        _log_ground_reaction(stream, recording, frames, times, root)
+        _log_ground_reaction(stream, recording, frames, axis, root)
 
 
-def log_bodies(
+def _has_muscle(recording: Recording) -> bool:
+    return "muscle_length" in recording and "pressure" in recording
+
+
+def log_geometry(
     stream: Any,
     model: mujoco.MjModel,
-    positions: Array,
-    times: list[Any],
     root: str,
     *,
     hidden: Collection[str] = (),
-    sites: Sequence[str] = (),
     omits_muscle_at_rest: bool = False,
-) -> Array:
-    """Log the geometry of ``model`` once, and its body poses at joint ``positions`` (n, nq) over ``times``.
-
-    Returns the positions (n, len(sites), 3) of ``sites``. Bodies in ``hidden`` and geoms that MuJoCo's viewer hides are
-    omitted.
-    """
+) -> None:
+    """Log the geometry of ``model``, without bodies in ``hidden`` and geoms that MuJoCo's viewer hides."""
     import rerun as rr
 
     stream.log(root, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -129,6 +141,17 @@ def log_bodies(
         is_shown &= not (omits_muscle_at_rest and model.geom_group[geom] == REST_GROUP)
         if is_shown and model.body(int(model.geom_bodyid[geom])).name not in hidden:
             _log_geom(stream, model, geom, root)
+
+
+def log_poses(
+    stream: Any, model: mujoco.MjModel, positions: Array, axis: Any, root: str, *, sites: Sequence[str] = ()
+) -> Array:
+    """Log the body poses of ``model`` at joint ``positions`` (n, nq), the rows of ``axis`` (a rerun TimeColumn).
+
+    Returns the positions (n, len(sites), 3) of ``sites``.
+    """
+    import rerun as rr
+
     data = mujoco.MjData(model)
     translation = np.empty((len(positions), model.nbody, 3))
     rotation = np.empty((len(positions), model.nbody, 4))
@@ -142,18 +165,16 @@ def log_bodies(
         site_positions[k] = data.site_xpos[site_ids]
     for body in range(1, model.nbody):
         columns = rr.Transform3D.columns(translation=translation[:, body], quaternion=rotation[:, body])
-        stream.send_columns(format_body_entity(model, body, root), indexes=times, columns=columns)
+        stream.send_columns(format_body_entity(model, body, root), indexes=[axis], columns=columns)
     return site_positions
 
 
-def _log_unit(
-    stream: Any, recording: Recording, frames: NDArray[np.int64], times: list[Any], ends: Array, root: str
-) -> None:
+def _log_unit(stream: Any, recording: Recording, frames: NDArray[np.int64], axis: Any, ends: Array, root: str) -> None:
     """Log muscle and tendon between the ``ends`` (frames, 2, 3) of the unit; the tendon only without muscle length."""
     import rerun as rr
 
     begin = ends[:, 0]
-    if "muscle_length" in recording and "pressure" in recording:
+    if _has_muscle(recording):
         unit_length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         fraction = np.clip(recording["muscle_length"][frames] / unit_length, 0.0, 1.0)[:, None]
         begin = ends[:, 0] + fraction * (ends[:, 1] - ends[:, 0])
@@ -162,14 +183,14 @@ def _log_unit(
             strips=list(np.stack([ends[:, 0], begin], axis=1)),
             colors=interpolate_colours(recording["pressure"], EMPTY_COLOUR, FULL_COLOUR)[frames],
         )
-        stream.send_columns(f"{root}/{MUSCLE_ENTITY}", indexes=times, columns=strips)
+        stream.send_columns(f"{root}/{MUSCLE_ENTITY}", indexes=[axis], columns=strips)
     stream.log(f"{root}/{TENDON_ENTITY}", rr.LineStrips3D.from_fields(radii=0.005), static=True)
     force = recording["force"] if "force" in recording else np.zeros(len(recording))
     strips = rr.LineStrips3D.columns(
         strips=list(np.stack([begin, ends[:, 1]], axis=1)),
         colors=interpolate_colours(force, SLACK_COLOUR, TAUT_COLOUR)[frames],
     )
-    stream.send_columns(f"{root}/{TENDON_ENTITY}", indexes=times, columns=strips)
+    stream.send_columns(f"{root}/{TENDON_ENTITY}", indexes=[axis], columns=strips)
 
 
 def interpolate_colours(values: Array, zero_colour: Array, peak_colour: Array) -> NDArray[np.uint8]:
@@ -178,9 +199,7 @@ def interpolate_colours(values: Array, zero_colour: Array, peak_colour: Array) -
     return np.asarray(np.round(zero_colour + fraction * (peak_colour - zero_colour)), dtype=np.uint8)
 
 
-def _log_ground_reaction(
-    stream: Any, recording: Recording, frames: NDArray[np.int64], times: list[Any], root: str
-) -> None:
+def _log_ground_reaction(stream: Any, recording: Recording, frames: NDArray[np.int64], axis: Any, root: str) -> None:
     import rerun as rr
 
     is_loaded = np.isfinite(recording["cop_x"][frames])
@@ -194,7 +213,7 @@ def _log_ground_reaction(
     stream.log(
         f"{root}/{GROUND_REACTION_ENTITY}", rr.Arrows3D.from_fields(colors=[40, 110, 220], radii=0.008), static=True
     )
-    stream.send_columns(f"{root}/{GROUND_REACTION_ENTITY}", indexes=times, columns=columns)
+    stream.send_columns(f"{root}/{GROUND_REACTION_ENTITY}", indexes=[axis], columns=columns)
 
 
 def _log_geom(stream: Any, model: mujoco.MjModel, geom: int, root: str) -> None:

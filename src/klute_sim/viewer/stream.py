@@ -181,11 +181,15 @@ def build_plot_view(
     )
 
 
-def leave_room_for_legend(lines: Iterable[Array]) -> tuple[float, float]:
-    """Return a range of values that holds the ``lines`` and leaves room for a legend above them."""
+def pad_range(lines: Iterable[Array], room_above: float = LINE_MARGIN) -> tuple[float, float]:
+    """Return a range of values that holds the ``lines``, with ``room_above`` them as a fraction of their range.
+
+    For a legend above the lines that is :data:`LEGEND_ROOM`. The range of constant lines is 1.
+    """
     values = np.concatenate(list(lines))
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    return low - LINE_MARGIN * (high - low), high + LEGEND_ROOM * (high - low)
+    extent = high - low or 1.0
+    return low - LINE_MARGIN * extent, high + room_above * extent
 
 
 def choose_legend_corner(phase: Array, lines: Iterable[Array]) -> str:
@@ -211,15 +215,18 @@ def build_text_view(name: str, entity: str) -> Any:
     return rrb.TextDocumentView(origin=f"/{entity}", name=name)
 
 
-def build_window_blueprint(root: Any, timeline: str, loop: Span | None = None) -> Any:
+def build_window_blueprint(root: Any, timeline: str, loop: Span | None = None, frame_rate: float | None = None) -> Any:
     """Build the layout of a window: ``root`` over ``timeline``, with collapsed panels.
 
-    The window repeats ``loop``; None: it shows the start and waits.
+    The window repeats ``loop``, a part of a timeline of durations, or with ``frame_rate`` (positions per second) the
+    whole of an integer timeline. Without either it shows the start and waits.
     """
     import rerun.blueprint as rrb
 
     playing: dict[str, Any] = {}
-    if loop is not None:
+    if frame_rate is not None:
+        playing = {"loop_mode": "all", "fps": frame_rate}
+    elif loop is not None:
         from rerun.encodings import AbsoluteTimeRange
 
         selection = AbsoluteTimeRange(*(round(1e9 * end) for end in loop))

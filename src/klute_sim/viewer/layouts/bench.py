@@ -86,7 +86,8 @@ def write_recording(summary: Mapping[str, Any], trials: Sequence[RecordedBenchTr
             stream.send_lines(out, axis, build_lines(trial, number))
             x_channel = "length" if has_motion([trial]) else "time"
             trial_chart = build_chart([trial], f"trial_{number:03d}/chart")
-            chart.log_chart(out, trial_chart, axis, (trial.recording[x_channel], trial.recording["force"]))
+            chart.log_chart(out, trial_chart)
+            chart.log_marker(out, trial_chart, axis, trial.recording[x_channel], trial.recording["force"])
 
 
 def select_tab_trials(trials: Sequence[RecordedBenchTrial]) -> list[int]:

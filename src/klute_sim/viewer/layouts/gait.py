@@ -1,4 +1,8 @@
-"""Viewer recording of a gait run: rig in 3-D, all channels, work loop of the ankle, energy and air."""
+"""Viewer recording of a gait run: rig in 3-D, all channels, work loop of the ankle, energy and air.
+
+All of it stands on two timelines: the last stride over percent of the gait cycle, on which the window opens, and the
+whole run over seconds.
+"""
 
 import itertools
 import math
@@ -20,12 +24,13 @@ from klute_sim.gait.rig.build import build_gait_model
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
-from klute_sim.viewer import chart, scene, stream
+from klute_sim.viewer import chart, gait_cycle, scene, stream
 from klute_sim.viewer.stream import (
     BLUE,
     BROWN,
     DARK_ORANGE,
     GREEN,
+    GREY,
     ORANGE,
     PALE_GREEN,
     PALE_ORANGE,
@@ -34,10 +39,10 @@ from klute_sim.viewer.stream import (
     BandLine,
     Colour,
     SeriesLine,
-    Span,
 )
 
 TIMELINE = "time"
+"""Timeline of the whole run [s]; that of the stride is :data:`klute_sim.viewer.gait_cycle.TIMELINE`."""
 
 PlotSeries = tuple[str, str, Colour]
 """Entity, name in the legend, and colour of a line."""
@@ -100,15 +105,15 @@ MOTION_PLOTS: tuple[PlotSpec, ...] = (
 ENERGY_PLOTS: tuple[PlotSpec, ...] = (
     (POWERS_TITLE, tuple((f"channels/{name}_power", *look) for name, look in LEDGER_STYLES.items())),
     (
-        "device energies [J], output since the start",
+        "device energies [J], output since 0 % or 0 s",
         tuple((f"energy/{name}", *look) for name, look in LEDGER_STYLES.items()),
     ),
     (
-        "air [kg] (gas model assumed)",
+        "air [kg] (gas model assumed), since 0 % or 0 s",
         (
             ("channels/air_mass", "in the muscles", GREEN),
-            ("channels/air_drawn", "drawn since the start", BLUE),
-            ("channels/air_leaked", "leaked since the start", RED),
+            ("channels/air_drawn", "drawn", BLUE),
+            ("channels/air_leaked", "leaked", RED),
         ),
     ),
     (
@@ -120,6 +125,8 @@ ENERGY_PLOTS: tuple[PlotSpec, ...] = (
     ),
 )
 """Plots of the tab "energy and air"."""
+TOTALS = ("channels/air_drawn", "channels/air_leaked", *(f"energy/{name}" for name in LEDGER_STYLES))
+"""Entities that sum up from the start of the run, and over the gait cycle from 0 %."""
 LOOP_ENTITY = "loop/moment_over_angle"
 BAND_PREFIX = "band/"
 """Beginning of the entity of a band; it replaces the line of the reference in a plot."""
@@ -134,20 +141,24 @@ def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> 
     series = {f"channels/{name}": values for name, values in recording.channels.items() if name != "time"}
     series |= compute_cumulative_energies(recording)
     plotted = [line for _, lines in (*MOTION_PLOTS, *build_energy_plots(recording)) for line in lines]
-    styles = {entity: (name, colour) for entity, name, colour in plotted}
+    samples, loop_chart = gait_cycle.find_samples(recording), build_loop_chart(recording)
     with stream.open_recording(path, "gait", recording.provenance, lambda: build_blueprint(recording)) as out:
         scene.log_scene(out, recording, model, TIMELINE)
-        axis = rr.TimeColumn(TIMELINE, duration=recording["time"])
-        for entity, values in series.items():
-            out.send_columns(entity, indexes=[axis], columns=rr.Scalars.columns(scalars=values))
-            if entity in styles:
-                name, colour = styles[entity]
-                stream.log_line_style(
-                    out, SeriesLine(entity, name, colour, 1.0 if colour in THIN_LINE_COLOURS else 3.0, values)
-                )
-        for band in build_bands(recording):
-            stream.send_band(out, axis, band)
-        chart.log_chart(out, build_loop_chart(recording), axis, (recording["ankle_angle"], recording["ankle_moment"]))
+        scene.log_motion(out, recording, model, samples, gait_cycle.build_axis())
+        chart.log_chart(out, loop_chart)
+        for entity, name, colour in plotted:
+            if entity in series:
+                width = 1.0 if colour in THIN_LINE_COLOURS else 3.0
+                stream.log_line_style(out, SeriesLine(entity, name, colour, width, series[entity]))
+        run_axis = rr.TimeColumn(TIMELINE, duration=recording["time"])
+        for axis, rows in ((run_axis, slice(None)), (gait_cycle.build_axis(), samples)):
+            for entity, values in series.items():
+                origin = values[samples[0]] if entity in TOTALS and rows is samples else 0.0
+                columns = rr.Scalars.columns(scalars=values[rows] - origin)
+                out.send_columns(entity, indexes=[axis], columns=columns)
+            for band in build_bands(recording):
+                stream.send_band(out, axis, band._replace(mean=band.mean[rows], deviation=band.deviation[rows]))
+            chart.log_marker(out, loop_chart, axis, recording["ankle_angle"][rows], recording["ankle_moment"][rows])
 
 
 def rebuild_recording(folder: Path, path: Path) -> None:
@@ -183,12 +194,6 @@ def build_bands(recording: Recording) -> list[BandLine]:
     ]
 
 
-def select_last_stride(recording: Recording) -> Span:
-    """Return the time of the last stride, which the window shows first."""
-    time = recording["time"][recording["stride"] == recording["stride"][-1]]
-    return Span(float(time[0]), float(time[-1]))
-
-
 def compute_cumulative_energies(recording: Recording) -> dict[str, Array]:
     """Return entity -> energy [J] that an element of the ledger has put out since the start.
 
@@ -208,23 +213,29 @@ def build_energy_plots(recording: Recording) -> list[PlotSpec]:
 
 
 def build_loop_chart(recording: Recording) -> chart.Chart:
-    """Build the chart of net ankle moment over angle; counter-clockwise loops do positive net work."""
+    """Build the chart of net ankle moment over angle; counter-clockwise loops do positive net work.
+
+    It shows the last stride, and earlier ones thinly.
+    """
+    last = gait_cycle.select_last_stride(recording)
     curves = []
+    if len(last) < len(recording):
+        earlier = recording.select(slice(0, len(recording) - len(last)))
+        loop = earlier["ankle_angle"], earlier["ankle_moment"]
+        curves.append(chart.ChartCurve("earlier strides", GREY, *loop, thin=True))
     if "reference_ankle_angle" in recording and "reference_ankle_moment" in recording:
-        human = recording["reference_ankle_angle"], recording["reference_ankle_moment"]
+        human = last["reference_ankle_angle"], last["reference_ankle_moment"]
         curves.append(chart.ChartCurve("human", ORANGE, *human, thin=True))
-    curves.append(chart.ChartCurve("prosthesis", BLUE, recording["ankle_angle"], recording["ankle_moment"]))
+    curves.append(chart.ChartCurve("prosthesis", BLUE, last["ankle_angle"], last["ankle_moment"]))
     return chart.Chart(LOOP_ENTITY, "dorsiflexion [deg]", "net plantarflexor moment [N·m]", tuple(curves))
 
 
 def build_blueprint(recording: Recording) -> Any:
     """Build the layout: side view of the leg and work loop on the left, plots in two tabs on the right.
 
-    It opens on the last stride, which it repeats.
+    It opens on the last stride over the gait cycle, which it repeats in real time.
     """
     import rerun.blueprint as rrb
-
-    stride = select_last_stride(recording)
 
     left = rrb.Vertical(
         scene.build_view("leg (tendon: red at peak force; muscle: green at peak pressure)"),
@@ -232,27 +243,42 @@ def build_blueprint(recording: Recording) -> Any:
         row_shares=[3, 2],
     )
     right = rrb.Tabs(
-        _build_grid(recording, MOTION_PLOTS, "motion and forces", stride),
-        _build_grid(recording, build_energy_plots(recording), "energy and air", None),
+        _build_grid(recording, MOTION_PLOTS, "motion and forces"),
+        _build_grid(recording, build_energy_plots(recording), "energy and air"),
     )
-    return stream.build_window_blueprint(rrb.Horizontal(left, right, column_shares=[1, 2]), TIMELINE, loop=stride)
+    root, frame_rate = rrb.Horizontal(left, right, column_shares=[1, 2]), gait_cycle.compute_frame_rate(recording)
+    return stream.build_window_blueprint(root, gait_cycle.TIMELINE, frame_rate=frame_rate)
 
 
-def _build_grid(recording: Recording, plots: Sequence[PlotSpec], name: str, span: Span | None) -> Any:
-    """Build the views of ``plots``; those of a ``span`` show it first, and have their legends beside its lines."""
+def _build_grid(recording: Recording, plots: Sequence[PlotSpec], name: str) -> Any:
+    """Build the views of ``plots`` with their legends beside the lines of the last stride.
+
+    The views have no range: one in percent would be wrong on the timeline in seconds, and without one the viewer shows
+    both timelines whole.
+    """
     import rerun.blueprint as rrb
 
     bands = {band.entity for band in build_bands(recording)}
-    last = recording if span is None else recording.select(recording["time"] >= span.begin)
-    phase = (last["time"] - last["time"][0]) / max(float(np.ptp(last["time"])), 1e-12)
+    last = gait_cycle.select_last_stride(recording)
+    phase, lines_of_run, lines_of_stride = last["gait_phase"] / 100.0, _list_lines(recording), _list_lines(last)
     views = []
     for title, lines in plots:
         entities = [
             band if (band := entity.replace("channels/reference_", BAND_PREFIX)) in bands else entity
             for entity, _, _ in lines
         ]
-        channels = [entity.removeprefix("channels/") for entity, _, _ in lines]
-        values = [last[channel] for channel in channels if channel in last]
-        corner = stream.choose_legend_corner(phase, values)
-        views.append(stream.build_plot_view(title, entities, span, corner))
+        corner = stream.choose_legend_corner(phase, [y for e in entities for y in lines_of_stride.get(e, [])])
+        # The viewer leaves no room for bands by itself.
+        has_band = not bands.isdisjoint(entities)
+        value_range = stream.pad_range(y for e in entities for y in lines_of_run.get(e, [])) if has_band else None
+        views.append(stream.build_plot_view(title, entities, None, corner, value_range))
     return rrb.Grid(*views, grid_columns=2, name=name)
+
+
+def _list_lines(recording: Recording) -> dict[str, list[Array]]:
+    """Return entity -> its values, or those of both edges of its band."""
+    lines = {f"channels/{name}": [values] for name, values in recording.channels.items()}
+    lines |= {entity: [values] for entity, values in compute_cumulative_energies(recording).items()}
+    return lines | {
+        band.entity: [band.mean - band.deviation, band.mean + band.deviation] for band in build_bands(recording)
+    }

@@ -48,8 +48,9 @@ def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> 
     identity = recording.provenance
     with stream.open_recording(path, "walk", identity, lambda: build_blueprint(recording)) as out:
         frames, positions = compute_postures(recording, model)
-        times = [rr.TimeColumn(TIMELINE, duration=recording["time"][frames])]
-        scene.log_bodies(out, model, positions, times, scene.WORLD_ENTITY)
+        scene.log_geometry(out, model, scene.WORLD_ENTITY)
+        times = rr.TimeColumn(TIMELINE, duration=recording["time"][frames])
+        scene.log_poses(out, model, positions, times, scene.WORLD_ENTITY)
         every = max(1, round(1.0 / (CHANNEL_RATE_HZ * float(recording["time"][1]))))
         axis = rr.TimeColumn(TIMELINE, duration=recording["time"][::every])
         lines = [line for plot in build_plots(recording).values() for line in plot]
@@ -142,7 +143,7 @@ def _build_plot_views(recording: Recording, span: Span) -> list[Any]:
         has_legend = len(names) > 1 and title not in [shared for shared, _ in LEG_PLOTS[1:]]
         corner, room = None, None
         if has_legend:
-            corner, room = "LeftTop", stream.leave_room_for_legend(recording[name] for name in names)
+            corner, room = "LeftTop", stream.pad_range((recording[name] for name in names), stream.LEGEND_ROOM)
         views.append(stream.build_plot_view(title, [f"channels/{name}" for name in names], span, corner, room))
     return views
 

@@ -52,10 +52,10 @@ def save_pictures(rrd_path: Path, out: Path, cursor: float | None = None) -> lis
     if out.suffix.lower() in UNSUPPORTED_SUFFIXES:
         raise InputError(f"cannot write {out}: pictures are PNG files; give a file name that ends in .png, or a folder")
     rrd = rrd_reader.read_rrd(rrd_path)
-    position = compute_middle_cursor(rrd) if cursor is None else cursor
-    span = _find_shown_span(rrd)
-    if span is not None and not span[0] <= position <= span[1]:
-        shown = f"the curves show {span[0]:.4g} to {span[1]:.4g}"
+    begin, end = _find_shown_span(rrd)
+    position = 0.5 * (begin + end) if cursor is None else cursor
+    if not begin <= position <= end:
+        shown = f"the curves show {begin:.4g} to {end:.4g} on the timeline '{rrd.timeline}'"
         warnings.warn(f"{shown}; the cursor, at {position:.4g}, is outside of them", KluteSimWarning, stacklevel=2)
     try:
         if out.suffix.lower() == ".png":
@@ -82,18 +82,13 @@ def _slugify(name: str) -> str:
     return (slug if len(slug) <= MAX_SLUG_CHARS else slug[: MAX_SLUG_CHARS + 1].rpartition("-")[0]) or "view"
 
 
-def compute_middle_cursor(rrd: RrdContents) -> float:
-    """Return the middle of what the curves show, else of the timeline, or 0 if nothing is on it."""
-    span = _find_shown_span(rrd)
-    if span is not None:
-        return 0.5 * (span[0] + span[1])
+def _find_shown_span(rrd: RrdContents) -> tuple[float, float]:
+    """Return the part of the timeline that the curves show first; (0, 0) if nothing is on it."""
+    for view in rrd_reader.iter_views(rrd.root):
+        if view.span is not None:
+            return view.span
     stamps = [e.get_times(rrd.timeline) for e in rrd.entities.values() if rrd.timeline in e.times]
-    return 0.5 * float(min(map(np.min, stamps)) + max(map(np.max, stamps))) if stamps else 0.0
-
-
-def _find_shown_span(rrd: RrdContents) -> tuple[float, float] | None:
-    """Return the part of the timeline that the curves show first; None: all of it."""
-    return next((view.span for view in rrd_reader.iter_views(rrd.root) if view.span is not None), None)
+    return (float(min(map(np.min, stamps))), float(max(map(np.max, stamps)))) if stamps else (0.0, 0.0)
 
 
 def build_window_figure(rrd: RrdContents, cursor: float) -> "Figure":

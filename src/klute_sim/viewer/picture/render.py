@@ -53,6 +53,7 @@ def draw_series(axis: "Axes", view: View, entities: dict[str, Entity], timeline:
         if "variances" in entity.rows:
             deviation = np.sqrt(_read_single_values(entity, "variances"))
             axis.fill_between(time, value - deviation, value + deviation, color=style["color"], alpha=0.25, linewidth=0)
+    axis.margins(x=0.0)
     if view.span is not None:
         axis.set_xlim(*view.span)
     if view.value_range is not None:

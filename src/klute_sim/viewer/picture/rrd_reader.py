@@ -115,13 +115,13 @@ def read_rrd(path: Path) -> RrdContents:
     try:
         reader = rr.chunk.RrdReader(path)
         layouts = list(reader.blueprints())
-        entities = _collect_entities(reader.stream())
         layout = _collect_entities(reader.stream(store=layouts[-1])) if layouts else {}
+        if not layout:
+            raise InputError(f"{path} has no layout: it was not made by klute-sim")
+        timeline = str(_get_single(layout["time_panel"], "timeline"))
+        entities = _collect_entities(reader.stream(), timeline)
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(f"{path} cannot be read: {error}") from None
-    if not layout:
-        raise InputError(f"{path} has no layout: it was not made by klute-sim")
-    timeline = str(_get_single(layout["time_panel"], "timeline"))
     is_duration = any(timeline in entity.duration_timelines for entity in entities.values())
     return RrdContents(entities, _build_root(layout, NANOSECOND if is_duration else 1.0), timeline)
 
@@ -135,9 +135,12 @@ def iter_views(node: View | Container) -> Iterator[View]:
             yield from iter_views(child)
 
 
-def _collect_entities(chunks: Any) -> dict[str, Entity]:
+def _collect_entities(chunks: Any, timeline: str | None = None) -> dict[str, Entity]:
+    """Return the entities in ``chunks``: what is static, and what is on ``timeline`` (None: on any)."""
     entities: dict[str, Entity] = {}
     for chunk in chunks:
+        if not chunk.is_static and timeline not in (None, *chunk.timeline_names):
+            continue
         entity = entities.setdefault(str(chunk.entity_path).lstrip("/"), Entity())
         batch = chunk.to_record_batch()
         components = [n for n in batch.schema.names if ":" in n]
