@@ -8,11 +8,12 @@ import pytest
 
 import klute_sim as ks
 from klute_sim.recording.recording import Recording
+from klute_sim.viewer import stream
 from klute_sim.viewer.folders import detect_folder_kind, ensure_recording
 from klute_sim.viewer.layouts import walk as layout
 from klute_sim.viewer.picture.rrd_reader import RrdContents, iter_views, read_rrd
 
-pytest.importorskip("rerun")
+rr = pytest.importorskip("rerun")
 
 
 @pytest.mark.parametrize("arguments", [{"intact": True, "slope": 2.0}, {"spring_foot": 8.0, "uneven": 5.0}])
@@ -51,3 +52,19 @@ def check_legends(contents: RrdContents, recording: Recording) -> None:
     values = np.concatenate([recording["hip_angle_left"], recording["hip_angle_right"]])
     assert low < values.min()
     assert (values.max() - low) / (high - low) < 0.66
+
+
+def test_curves_are_scaled_by_the_shown_strides_and_not_by_the_first_steps(tmp_path: Path) -> None:
+    time = np.arange(0.0, 6.0, 0.01)
+    wave = np.where(time < 1.0, 5.0, 1.0) * np.sin(2.0 * np.pi * time)
+    channels = {f"{name}_{side}": wave for _, name in layout.LEG_PLOTS for side in ("left", "right")}
+    channels |= {"time": time, "speed": np.full(600, 1.3)}
+    channels |= {f"metabolic_energy_{law}": 100.0 * time for law in ("minetti", "bhargava")}
+    walked = Recording(channels, dict.fromkeys(channels, "1"), {"prosthesis": None, "kind": "intact"})
+    with stream.open_recording(tmp_path / "r.rrd", "walk", [], lambda: layout.build_blueprint(walked)) as out:
+        line = stream.SeriesLine("channels/speed", "speed", stream.BLUE, 1.0, walked["speed"])
+        stream.send_lines(out, rr.TimeColumn(layout.TIMELINE, duration=time), [line])
+    views = {view.name: view.value_range for view in iter_views(read_rrd(tmp_path / "r.rrd").root)}
+    assert views["vertical ground reaction [N], predicted"] == pytest.approx((-1.1, 1.1), abs=1e-2)
+    assert views["forward speed [m/s]"] == pytest.approx((1.25, 1.35))
+    assert views[layout.ENERGY_TITLE] == pytest.approx((-30.0, 960.0), abs=2.0)  # with room for the legend

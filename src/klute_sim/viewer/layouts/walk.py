@@ -37,6 +37,7 @@ LEG_PLOTS = (
     ("fore-aft ground reaction [N], predicted", "grf_forward"),
 )
 """Title and channel of the plots of both legs."""
+ENERGY_TITLE = "metabolic energy since the start [J]"
 
 
 def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
@@ -122,7 +123,7 @@ def build_plots(recording: Recording) -> dict[str, list[tuple[str, str, Colour]]
         title: [(f"{channel}_{side}", names[side], LEG_COLOURS[side]) for side in SIDES] for title, channel in LEG_PLOTS
     }
     plots["forward speed [m/s]"] = [("speed", "speed", VIOLET)]
-    plots["metabolic energy since the start [J]"] = [
+    plots[ENERGY_TITLE] = [
         ("metabolic_energy_minetti", "Minetti and Alexander", RED),
         ("metabolic_energy_bhargava", "Bhargava et al.", ORANGE),
     ]
@@ -135,16 +136,19 @@ def build_plots(recording: Recording) -> dict[str, list[tuple[str, str, Colour]]
 def _build_plot_views(recording: Recording, span: Span) -> list[Any]:
     """Build the plots. A single line needs no legend; the plots of the legs share that of the first, above its lines.
 
-    Curves of both legs over several strides leave no corner of a plot free.
+    Curves of both legs over several strides leave no corner of a plot free. The vertical axes hold the curves in
+    ``span``, because the first steps of a walk load a leg several times as much; only what sums up from the start
+    has the range of the whole walk.
     """
+    shown = recording.select(recording["time"] >= span.begin)
     views = []
     for title, lines in build_plots(recording).items():
         names = [name for name, _, _ in lines]
         has_legend = len(names) > 1 and title not in [shared for shared, _ in LEG_PLOTS[1:]]
-        corner, room = None, None
-        if has_legend:
-            corner, room = "LeftTop", stream.pad_range((recording[name] for name in names), stream.LEGEND_ROOM)
-        views.append(stream.build_plot_view(title, [f"channels/{name}" for name in names], span, corner, room))
+        values = [(recording if title == ENERGY_TITLE else shown)[name] for name in names]
+        room = stream.LEGEND_ROOM if has_legend else stream.LINE_MARGIN
+        corner, value_range = "LeftTop" if has_legend else None, stream.pad_range(values, room)
+        views.append(stream.build_plot_view(title, [f"channels/{name}" for name in names], span, corner, value_range))
     return views
 
 
