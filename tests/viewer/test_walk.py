@@ -8,7 +8,7 @@ import pytest
 
 import klute_sim as ks
 from klute_sim.recording.recording import Recording
-from klute_sim.viewer import stream
+from klute_sim.viewer import scene, stream
 from klute_sim.viewer.folders import detect_folder_kind, ensure_recording
 from klute_sim.viewer.layouts import walk as layout
 from klute_sim.viewer.picture.rrd_reader import RrdContents, iter_views, read_rrd
@@ -16,14 +16,15 @@ from klute_sim.viewer.picture.rrd_reader import RrdContents, iter_views, read_rr
 rr = pytest.importorskip("rerun")
 
 
-@pytest.mark.parametrize("arguments", [{"intact": True, "slope": 2.0}, {"spring_foot": 8.0, "uneven": 5.0}])
+@pytest.mark.parametrize("arguments", [{"intact": True, "slope": 2.0}, {"spring_foot": 8.0, "uneven": 5.0}, {}])
 def test_poses_stand_on_the_ground_and_a_missing_recording_is_rebuilt(
     arguments: dict[str, float], tmp_path: Path
 ) -> None:
     walked = ks.simulate_walk(seconds=1.0, **arguments)  # type: ignore[arg-type]
     folder = walked.save(tmp_path / "walk")
     model = layout.build_model(walked.recording, folder)
-    frames, positions = layout.compute_postures(walked.recording, model)
+    frames = scene.select_frames(walked.recording)
+    positions = layout.compute_postures(walked.recording, model, frames)
     data = mujoco.MjData(model)
     soles = [g for g in range(model.ngeom) if model.geom_contype[g] == 1]
     for k in range(0, len(frames), 20):
@@ -34,7 +35,13 @@ def test_poses_stand_on_the_ground_and_a_missing_recording_is_rebuilt(
     np.testing.assert_array_equal(positions[:, 0], walked.recording["hip_x"][frames])
     assert detect_folder_kind(folder).name == "walk"
     original = (folder / "recording.rrd").read_bytes()
-    check_legends(read_rrd(folder / "recording.rrd"), walked.recording)
+    contents = read_rrd(folder / "recording.rrd")
+    check_legends(contents, walked.recording)
+    assert ("world/muscle" in contents.entities) == (not arguments)
+    if not arguments:
+        strips = np.array([strip[0] for strip in contents.entities["world/muscle"].rows["strips"]])
+        lengths = np.linalg.norm(strips[:, 1] - strips[:, 0], axis=1)
+        assert lengths == pytest.approx(walked.recording["muscle_length"][frames], abs=1e-6)
     (folder / "recording.rrd").unlink()
     with ensure_recording(folder) as rebuilt:
         assert len(rebuilt.read_bytes()) == pytest.approx(len(original), rel=0.01)
@@ -44,7 +51,8 @@ def check_legends(contents: RrdContents, recording: Recording) -> None:
     """Assert that both legs have one legend, which lies above the lines."""
     views = {view.name: view for view in iter_views(contents.root) if view.kind == "TimeSeries"}
     with_legend = [name for name, view in views.items() if view.legend]
-    assert with_legend == ["hip angle [deg], flexion up", "metabolic energy since the start [J]"]
+    has_device = ["gauge pressure [bar]"] if "pressure" in recording else []
+    assert with_legend == ["hip angle [deg], flexion up", "metabolic energy since the start [J]", *has_device]
     hip = views[with_legend[0]]
     assert hip.legend_corner == "upper left"
     assert hip.value_range is not None

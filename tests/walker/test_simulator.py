@@ -47,6 +47,19 @@ def test_backends_give_equal_bits(is_prosthetic: bool) -> None:
         np.testing.assert_array_equal(compiled, python)
 
 
+def test_record_ends_with_the_state_of_the_device_before_each_step() -> None:
+    with callbacks.device_callbacks():
+        simulator = make_simulator(True)
+        assert simulator.actuator is not None
+        simulator.actuator.set_command(simulator.data, 2e5)
+        rows, states = np.zeros((60, simulator.record_width)), []
+        for k in range(60):
+            states.append(simulator.data.act[:2].copy())
+            simulator.take_steps(1, record=rows[k : k + 1])
+    np.testing.assert_array_equal(rows[:, -2:], states)
+    assert np.ptp(states, axis=0).min() > 0.0
+
+
 def test_snapshot_resumes_to_the_bit() -> None:
     with callbacks.device_callbacks():
         simulator = make_simulator(True)

@@ -23,6 +23,8 @@ TENDON_ENTITY, MUSCLE_ENTITY, GROUND_REACTION_ENTITY = "achilles", "muscle", "gr
 """Entities under the root."""
 ARROW_SCALE_N_PER_M = 1500.0
 """Scale of the arrow of the ground reaction [N/m]."""
+UNIT_SITES = tuple(PROSTHESIS_PREFIX + name for name in ("achilles_origin", "achilles_insertion"))
+"""Sites of the ends of the muscle-tendon unit."""
 SLACK_COLOUR, TAUT_COLOUR = np.array([150.0, 150.0, 150.0]), np.array([220.0, 30.0, 30.0])
 """Tendon colours at no force and at the recording's peak force, RGB."""
 EMPTY_COLOUR, FULL_COLOUR = np.array([70.0, 90.0, 70.0]), np.array([60.0, 230.0, 90.0])
@@ -96,7 +98,7 @@ def log_scene(
     """
     import rerun as rr
 
-    log_geometry(stream, model, root, hidden=hidden, omits_muscle_at_rest=_has_muscle(recording))
+    log_geometry(stream, model, root, hidden=hidden, omits_muscle_at_rest=has_muscle(recording))
     frames = select_frames(recording)
     log_motion(stream, recording, model, frames, rr.TimeColumn(timeline, duration=recording["time"][frames]), root)
 
@@ -113,14 +115,14 @@ def log_motion(
 
     Everything whose channel (force, pressure, muscle length, centre of pressure) is missing is omitted.
     """
-    sites = [PROSTHESIS_PREFIX + name for name in ("achilles_origin", "achilles_insertion")]
-    ends = log_poses(stream, model, compute_postures(recording, model, frames), axis, root, sites=sites)
-    _log_unit(stream, recording, frames, axis, ends, root)
+    ends = log_poses(stream, model, compute_postures(recording, model, frames), axis, root, sites=UNIT_SITES)
+    log_unit(stream, recording, frames, axis, ends, root)
     if "cop_x" in recording:
         _log_ground_reaction(stream, recording, frames, axis, root)
 
 
-def _has_muscle(recording: Recording) -> bool:
+def has_muscle(recording: Recording) -> bool:
+    """Return whether ``recording`` has the state of the muscle."""
     return "muscle_length" in recording and "pressure" in recording
 
 
@@ -169,12 +171,12 @@ def log_poses(
     return site_positions
 
 
-def _log_unit(stream: Any, recording: Recording, frames: NDArray[np.int64], axis: Any, ends: Array, root: str) -> None:
+def log_unit(stream: Any, recording: Recording, frames: NDArray[np.int64], axis: Any, ends: Array, root: str) -> None:
     """Log muscle and tendon between the ``ends`` (frames, 2, 3) of the unit; the tendon only without muscle length."""
     import rerun as rr
 
     begin = ends[:, 0]
-    if _has_muscle(recording):
+    if has_muscle(recording):
         unit_length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         fraction = np.clip(recording["muscle_length"][frames] / unit_length, 0.0, 1.0)[:, None]
         begin = ends[:, 0] + fraction * (ends[:, 1] - ends[:, 0])

@@ -17,7 +17,7 @@ from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 from klute_sim.viewer import scene, stream
-from klute_sim.viewer.stream import BLUE, GREEN, ORANGE, RED, VIOLET, Colour, SeriesLine, Span
+from klute_sim.viewer.stream import BLUE, GREEN, ORANGE, PALE_GREEN, RED, VIOLET, Colour, SeriesLine, Span
 from klute_sim.walker.person.body import SIDES, load_body
 from klute_sim.walker.person.build import Ground, Prosthesis, build_walker_model
 
@@ -48,18 +48,23 @@ def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> 
     rr = stream.import_rerun()
     identity = recording.provenance
     with stream.open_recording(path, "walk", identity, lambda: build_blueprint(recording)) as out:
-        frames, positions = compute_postures(recording, model)
-        scene.log_geometry(out, model, scene.WORLD_ENTITY)
+        has_muscle, frames = scene.has_muscle(recording), scene.select_frames(recording)
+        scene.log_geometry(out, model, scene.WORLD_ENTITY, omits_muscle_at_rest=has_muscle)
         times = rr.TimeColumn(TIMELINE, duration=recording["time"][frames])
-        scene.log_poses(out, model, positions, times, scene.WORLD_ENTITY)
+        sites = scene.UNIT_SITES if has_muscle else ()
+        positions = compute_postures(recording, model, frames)
+        ends = scene.log_poses(out, model, positions, times, scene.WORLD_ENTITY, sites=sites)
+        if has_muscle:
+            scene.log_unit(out, recording, frames, times, ends, scene.WORLD_ENTITY)
         every = max(1, round(1.0 / (CHANNEL_RATE_HZ * float(recording["time"][1]))))
         axis = rr.TimeColumn(TIMELINE, duration=recording["time"][::every])
         lines = [line for plot in build_plots(recording).values() for line in plot]
+        widths = {"pressure_command": 1.0}  # it lies on the line of the delivered pressure
         stream.send_lines(
             out,
             axis,
             (
-                SeriesLine(f"channels/{name}", text, colour, 2.0, recording[name][::every])
+                SeriesLine(f"channels/{name}", text, colour, widths.get(name, 2.0), recording[name][::every])
                 for name, text, colour in lines
             ),
         )
@@ -93,10 +98,8 @@ def build_model(recording: Recording, folder: Path) -> mujoco.MjModel:
     return build_walker_model(load_body(), prosthesis, dt=options["step_s"], ground=ground)
 
 
-def compute_postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
-    """Return the samples with a pose, and the joint positions (n, nq) at these samples."""
-    every = max(1, round(1.0 / (scene.FRAME_RATE_HZ * float(recording["time"][1]))))
-    frames = np.arange(0, len(recording), every)
+def compute_postures(recording: Recording, model: mujoco.MjModel, frames: NDArray[np.int64]) -> Array:
+    """Return the joint positions (n, nq) at the samples ``frames``."""
     slope = math.radians(recording.provenance["options"]["slope_deg"])
     joints = {
         "forward": recording["hip_x"],
@@ -112,7 +115,7 @@ def compute_postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArr
     positions = np.zeros((len(frames), model.nq))
     for name, values in joints.items():
         positions[:, model.joint(name).qposadr[0]] = values[frames]
-    return frames, positions
+    return positions
 
 
 def build_plots(recording: Recording) -> dict[str, list[tuple[str, str, Colour]]]:
@@ -128,7 +131,10 @@ def build_plots(recording: Recording) -> dict[str, list[tuple[str, str, Colour]]
         ("metabolic_energy_bhargava", "Bhargava et al.", ORANGE),
     ]
     if "pressure_command" in recording:
-        plots["pressure command [bar]"] = [("pressure_command", "command", GREEN)]
+        plots["gauge pressure [bar]"] = [
+            ("pressure_command", "commanded", PALE_GREEN),
+            ("pressure", "delivered", GREEN),
+        ]
         plots["device moment [N·m], plantarflexor up"] = [("device_moment", "device", RED)]
     return plots
 

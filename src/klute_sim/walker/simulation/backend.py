@@ -73,7 +73,7 @@ def _compile() -> StepFunctions:
         decorate,
         module.take_steps,
         types.int64(
-            settings, table, *[series] * 2, *[types.int64] * 2, *[series] * 6, types.float64, types.int64, table
+            settings, table, *[series] * 2, *[types.int64] * 2, *[series] * 7, types.float64, types.int64, table
         ),
         constants,
     )

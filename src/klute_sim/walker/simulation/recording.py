@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.gait.body import PROSTHESIS_PREFIX
+from klute_sim.plant.coupling import N_BASE_STATES
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 from klute_sim.units import BAR
@@ -50,7 +51,7 @@ def build_recording(
         ("muscle_joint_work [J]", state[:, layout.MUSCLE_JOINT_WORK]),
     ]
     if simulator.is_prosthetic:
-        columns += _build_prosthesis(simulator, qpos, qvel, actuator, state, pressures)
+        columns += _build_prosthesis(simulator, qpos, qvel, actuator, state, rows[:, -N_BASE_STATES:], pressures)
     return Recording.from_columns(columns, provenance)
 
 
@@ -82,8 +83,9 @@ def _build_leg(
 
 
 def _build_prosthesis(
-    simulator: WalkSimulator, qpos: Array, qvel: Array, actuator: Array, state: Array, pressures: Array | None
-) -> Columns:
+    simulator: WalkSimulator, qpos: Array, qvel: Array, actuator: Array, state: Array, device_state: Array,
+    pressures: Array | None,
+) -> Columns:  # fmt: skip
     model = simulator.model
     ankle = int(model.joint(PROSTHESIS_PREFIX + "ankle").dofadr[0])
     heel = int(model.joint(PROSTHESIS_PREFIX + "heel").dofadr[0])
@@ -91,9 +93,12 @@ def _build_prosthesis(
         ("pylon_load [1]", state[:, layout.PYLON_LOAD]),
         ("heel_compression [m]", qpos[:, heel]),
     ]
-    if pressures is not None:
+    if pressures is not None and simulator.actuator is not None:
+        pressure, offset = device_state.T
         columns += [
             ("pressure_command [bar]", pressures[: len(qpos)] / BAR),
+            ("pressure [bar]", pressure),
+            ("muscle_length [m]", simulator.actuator.parameters.muscle.resting_length + offset),
             ("device_moment [N*m]", actuator[:, ankle]),
             ("device_power [W]", actuator[:, ankle] * qvel[:, ankle]),
         ]

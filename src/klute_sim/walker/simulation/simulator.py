@@ -12,6 +12,7 @@ from klute_sim.errors import InputError
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.plant import callbacks
 from klute_sim.plant.actuator import DeviceActuator
+from klute_sim.plant.coupling import N_BASE_STATES
 from klute_sim.types import Array
 from klute_sim.walker.person.body import MUSCLES, Body
 from klute_sim.walker.person.build import LOAD_CELL
@@ -58,7 +59,8 @@ class WalkSimulator:
     @property
     def record_width(self) -> int:
         """Number of columns of a record (:func:`klute_sim.walker.simulation.stepping.take_steps`)."""
-        return 4 * int(self.model.nq) + int(self.model.nsensordata) + layout.DELAY_LINES
+        n_values = 4 * int(self.model.nq) + int(self.model.nsensordata) + layout.DELAY_LINES
+        return n_values + (N_BASE_STATES if self.is_prosthetic else 0)
 
     @property
     def time(self) -> float:
@@ -132,6 +134,7 @@ class WalkSimulator:
             data.qfrc_applied,
             data.qfrc_actuator,
             data.sensordata,
+            data.act,
             self.state,
             push,
             n_steps,

@@ -315,6 +315,7 @@ def take_steps(
     applied: Any,
     actuator_moments: Any,
     sensors: Any,
+    device_state: Any,
     state: Any,
     push: float,
     n_steps: int,
@@ -324,11 +325,13 @@ def take_steps(
 
     ``model`` and ``data`` are MuJoCo's (or their addresses); the arrays after them are views of its memory. ``push`` is
     a forward force on the hip [N]. ``record`` (n, columns) receives a row per step, or has no rows: positions and
-    velocities before the step, then the forces evaluated there and the head of the state after it.
+    velocities before the step, then the forces evaluated there, the head of the state after it, and at its end the
+    state of the device before it (what ``record`` has columns for).
     """
     left = reflexes.ReflexGains(*to_tuple(left_row, N_GAINS))
     right = reflexes.ReflexGains(*to_tuple(right_row, N_GAINS))
     n_q, n_sensors = len(qpos), len(sensors)
+    n_values = 4 * n_q + n_sensors + layout.DELAY_LINES
     for k in range(n_steps):
         if has_fallen(settings, qpos):
             return k
@@ -343,6 +346,8 @@ def take_steps(
                 record[k, i] = qpos[i]
                 record[k, n_q + i] = qvel[i]
                 record[k, 2 * n_q + i] = applied[i]
+            for i in range(record.shape[1] - n_values):
+                record[k, n_values + i] = device_state[i]
         power_before = compute_muscle_power(applied, qvel)
         push_power_before = push * qvel[0]
         step_model(model, data)
