@@ -93,6 +93,24 @@ def test_built_models_have_no_keyframes_that_would_not_fit() -> None:
     assert list(models.load_spec("gait_rig").keys) == []
 
 
+def test_rig_stands_when_a_viewer_opens_its_file_and_its_floor_is_at_0_in_built_models() -> None:
+    from klute_sim.device.device import load_device
+    from klute_sim.gait.rig.build import build_gait_model
+
+    model = load("gait_rig").compile()
+    data = mujoco.MjData(model)
+    for n_steps in (0, 1000):
+        mujoco.mj_step(model, data, nstep=n_steps)
+        mujoco.mj_forward(model, data)
+        assert data.ncon > 0
+        assert -0.005 < min(contact.dist for contact in data.contact) < 0.0
+        assert np.abs(data.qpos[:4]).max() < 0.005  # hip and knee
+    assert data.sensor("ground").data[2] > 10.0
+    floor = build_gait_model(load_device("klute-1-1-4-pair"), mass=75.0, stature=1.75, dt=1e-3).geom("floor")
+    assert floor.pos.tolist() == [0.0, 0.0, 0.0]
+    assert floor.sameframe[0] == mujoco.mjtSameFrame.mjSAMEFRAME_BODY
+
+
 def test_keyframes_of_the_rig_stand_on_the_floor() -> None:
     model = load("gait_rig").compile()
     data = mujoco.MjData(model)

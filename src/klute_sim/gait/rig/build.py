@@ -51,6 +51,7 @@ def build_gait_model(
     Raises InputError when the device does not fit into the prosthesis.
     """
     spec = models.load_spec("gait_rig")
+    spec.geom("floor").pos = np.zeros(3)  # it is lower in the file, which stands by itself in MuJoCo's viewer
     spec.option.timestep = dt
     if slope != 0.0:
         spec.option.gravity = GRAVITY * np.array([-np.sin(slope), 0.0, -np.cos(slope)])
