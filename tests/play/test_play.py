@@ -14,9 +14,10 @@ from klute_sim.device.device import load_device
 from klute_sim.errors import InputError, MissingExtraError
 from klute_sim.play import controls as keys
 from klute_sim.play.controls import SCENES, Controls
-from klute_sim.play.recording import FRAME_RATE, record_video
+from klute_sim.play.recording import record_video
 from klute_sim.play.session import PlaySession
 from klute_sim.rendering import graphics_context, video
+from klute_sim.rendering.video import FRAME_RATE
 from tests.command_line import run
 
 DEVICE = load_device("klute-1-1-4-pair")

@@ -10,15 +10,11 @@ from klute_sim.envs.base.task import CONTROL_INTERVAL
 from klute_sim.errors import InputError
 from klute_sim.play.session import PlaySession
 from klute_sim.rendering.frames import FrameSource, RenderOptions
-from klute_sim.rendering.video import check_video_path, write_video
+from klute_sim.rendering.video import FRAME_RATE, MAX_SECONDS, check_video_path, write_video
 from klute_sim.types import ProgressCallback
 
-MAX_SECONDS = 600.0
-"""Longest video [s]."""
-STEPS_PER_FRAME = 4
-"""Steps of 10 ms for a frame: 25 frames a second."""
-FRAME_RATE = 1.0 / (STEPS_PER_FRAME * CONTROL_INTERVAL)
-"""Frames per second."""
+STEPS_PER_FRAME = round(1.0 / (FRAME_RATE * CONTROL_INTERVAL))
+"""Steps of 10 ms for a frame."""
 
 
 def record_video(

@@ -14,6 +14,10 @@ ANIMATION_SUFFIXES = (".gif", ".webp")
 """Endings of looping animations."""
 VIDEO_SUFFIXES = (*ANIMATION_SUFFIXES, ".mp4")
 """Endings of all videos."""
+FRAME_RATE = 25.0
+"""Frames per second of the videos of simulations."""
+MAX_SECONDS = 600.0
+"""Longest video of a simulation [s]."""
 N_COLOURS = 128
 """Number of colours of a GIF."""
 N_PALETTE_IMAGES = 8

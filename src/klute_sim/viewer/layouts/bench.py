@@ -60,7 +60,15 @@ def rebuild_recording(folder: Path, path: Path) -> None:
     Raises MissingExtraError without rerun, and InputError for damaged files.
     """
     summary = read_json(folder / "summary.json", RESULT)
-    trials = [
+    trials = load_trials(folder, summary)
+    if not trials:
+        raise InputError(f"{folder} has no trial to show")
+    write_recording(summary, trials, path)
+
+
+def load_trials(folder: Path, summary: Mapping[str, Any]) -> list[RecordedBenchTrial]:
+    """Return all trials of the run in ``folder`` with its ``summary`` (content of summary.json)."""
+    return [
         RecordedBenchTrial(
             trial["name"],
             trial["conditions"],
@@ -69,9 +77,6 @@ def rebuild_recording(folder: Path, path: Path) -> None:
         )
         for trial in summary["trials"]
     ]
-    if not trials:
-        raise InputError(f"{folder} has no trial to show")
-    write_recording(summary, trials, path)
 
 
 def write_recording(summary: Mapping[str, Any], trials: Sequence[RecordedBenchTrial], path: Path) -> None:

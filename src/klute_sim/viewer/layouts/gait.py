@@ -109,7 +109,7 @@ ENERGY_PLOTS: tuple[PlotSpec, ...] = (
         tuple((f"energy/{name}", *look) for name, look in LEDGER_STYLES.items()),
     ),
     (
-        "air [kg] (gas model assumed), since 0 % or 0 s",
+        "air [kg] (gas model assumed), drawn and leaked since 0 % or 0 s",
         (
             ("channels/air_mass", "in the muscles", GREEN),
             ("channels/air_drawn", "drawn", BLUE),
@@ -167,6 +167,11 @@ def rebuild_recording(folder: Path, path: Path) -> None:
     Raises MissingExtraError without rerun, and InputError for damaged files.
     """
     recording = parquet.load_recording(folder / "recording.parquet")
+    write_recording(recording, build_model(recording, folder), path)
+
+
+def build_model(recording: Recording, folder: Path) -> mujoco.MjModel:
+    """Return the rig of ``recording``, whose device is in ``folder``."""
     options = recording.provenance["options"]
     file = folder / "device.toml"  # written by the program; a swept or tuned number may be implausible
     device = (
@@ -174,14 +179,13 @@ def rebuild_recording(folder: Path, path: Path) -> None:
         if is_spring_foot(recording)
         else parse_device(read_bytes(file, DEVICE), str(file))
     )
-    model = build_gait_model(
+    return build_gait_model(
         device,
         mass=options["mass_kg"],
         stature=options["stature_m"],
         dt=options["step_s"],
         alignment=math.radians(options["alignment_deg"]),
     )
-    write_recording(recording, model, path)
 
 
 def build_bands(recording: Recording) -> list[BandLine]:
