@@ -83,7 +83,7 @@ def make_result(
     chosen: PredictiveModel, rivals: list[PredictiveModel], stability: float, share: float
 ) -> PredictiveResult:
     stabilities = dict.fromkeys(chosen.terms, stability)
-    return PredictiveResult(BASE, chosen, rivals, [chosen, BASE], stabilities, share, "condition", 6)
+    return PredictiveResult(BASE, chosen, rivals, [chosen, BASE], stabilities, share, 0.0, "condition", 6)
 
 
 @pytest.mark.parametrize(

@@ -159,7 +159,7 @@ def test_wrong_number_and_rejected_models_are_shown(diagnosis: Diagnosis) -> Non
         PredictiveModel(final, np.array([0.5, 0.5]), np.tile(final.x, (2, 1)), "it is at its bound"),
         PredictiveModel(base, np.ones(2), np.tile(base.x, (2, 1))),
     ]
-    result = PredictiveResult(models[2], models[0], [], models, {number: 1.0}, 0.8, "condition", 2)
+    result = PredictiveResult(models[2], models[0], [], models, {number: 1.0}, 0.8, 0.0, "condition", 2)
     html = page.render_page(
         replace(diagnosis, verdict="identified-in-part", final_fit=wrong, added_terms=(number,), prediction=result),
         {},

@@ -8,13 +8,14 @@ import numpy as np
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.imperfect_law import ImperfectLawDecision, compute_jackknife_intervals
 from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
 from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.free_term import find_free_model
+from klute_sim.diagnosis.selection.imitation import find_better_free_model
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.diagnosis.selection.robustness import (
@@ -139,12 +140,29 @@ def _describe_misfit(search: ForwardSelection, fit: Fit) -> list[str]:
 
 
 def select_imperfect_model(
+    search: ForwardSelection,
+    base_fit: Fit,
     selection: PredictiveSelection,
     result: PredictiveResult,
     decision: ImperfectLawDecision,
     options: DiagnosisOptions,
+    progress: ProgressCallback,
 ) -> FinalModel:
-    """Return the model where the prediction of left-out conditions has decided for names."""
+    """Return the model where the prediction of left-out conditions has decided for names.
+
+    ``base_fit`` is the fit of ``search`` without added effects.
+    """
+    progress(0.7, "comparing the names with a data-driven term")
+    free_model = find_better_free_model(search, base_fit, selection, result, options.exclude)
+    if free_model is not None:
+        reason = (
+            f"A data-driven term of the same size {free_model.description} predicts better: it leaves "
+            f"{100.0 * free_model.error / result.base.error:.1f} % of the squared error, the names "
+            f"{100.0 * result.chosen.error / result.base.error:.1f} %. The missing effect is not in the catalogue, and "
+            "these names only imitate it."
+        )
+        refused = _replace_names(search, base_fit, free_model.fit, [*decision.reasons, reason], options)
+        return refused._replace(prediction=result)
     data, base_fit = selection.data, result.base.fit
     final_fit, has_converged = check_convergence(data, result.chosen.fit, np.random.default_rng(options.seed))
     equivalent_models = [
@@ -198,10 +216,18 @@ def _refuse_names(
         f"(BIC is lower by {-free_model.bic_difference:.0f}): the missing effect is not in the catalogue, and these "
         "names only imitate it."
     )
-    final_fit, has_converged = check_convergence(search.data, free_model.fit, np.random.default_rng(options.seed))
+    return _replace_names(search, base_fit, free_model.fit, [reason], options)
+
+
+def _replace_names(
+    search: ForwardSelection, base_fit: Fit, free_fit: Fit | None, reasons: list[str], options: DiagnosisOptions
+) -> FinalModel:
+    """Return the model with the data-driven term of ``free_fit``; None is ``base_fit`` itself, without any term."""
+    start = base_fit if free_fit is None else fit_hypothesis(search.data, free_fit.hypothesis, free_fit.x)
+    final_fit, has_converged = check_convergence(search.data, start, np.random.default_rng(options.seed))
     return FinalModel(
         "unexplained",
-        [reason],
+        reasons,
         search.data,
         base_fit,
         final_fit,

@@ -17,7 +17,12 @@ from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.predictive_model import MIN_STABILITY, PredictiveModel, PredictiveResult
-from klute_sim.diagnosis.selection.predictive_selection import MIN_SHARE, PredictiveSelection, weight_by_law_error
+from klute_sim.diagnosis.selection.predictive_selection import (
+    MAX_RIVAL_RATIO,
+    MIN_SHARE,
+    PredictiveSelection,
+    weight_by_law_error,
+)
 
 FOLD_WORDS = {"condition": "condition", "specimen": "specimen", "part": "part of the trials"}
 """What a fold leaves out -> words."""
@@ -104,7 +109,10 @@ def decide_verdict(result: PredictiveResult, *, has_repeats: bool = True) -> Imp
         return ImperfectLawDecision(unexplained, reasons)
     if result.rivals:
         sets = " or ".join(_list_terms(model) for model in result.rivals)
-        reasons.append(f"{sets} would predict as well: the difference is less than one standard error.")
+        reasons.append(
+            f"{sets} would predict as well: the difference is less than one standard error, or than "
+            f"{100 * (MAX_RIVAL_RATIO - 1):.0f} % of the error."
+        )
         return ImperfectLawDecision("indistinguishable", reasons)
     if not result.is_stable:
         reasons.append(f"A name must be chosen in {100 * MIN_STABILITY:.0f} % of the refits.")

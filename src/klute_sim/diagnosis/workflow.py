@@ -120,7 +120,7 @@ def _run_workflow(
         if complete_fit is not None:
             final_fit = complete_fit
         elif decision.verdict in ("identified-in-part", "indistinguishable"):
-            selected = select_imperfect_model(*prediction, decision, options)
+            selected = select_imperfect_model(search, base_fit, *prediction, decision, options, progress)
         else:
             selected = select_proxies(search, base_fit, final_fit, prediction[1], decision, options, progress)
     if selected is None:

@@ -108,6 +108,21 @@ class WeightedData:
         ]
         return np.concatenate(parts)
 
+    def split_weighted_residuals(self, weighted_residuals: Array) -> list[dict[str, Array]]:
+        """Return the residuals [SI] per experiment and channel of a vector of :meth:`weight_residuals`.
+
+        Residuals of priors that follow in the vector are left out.
+        """
+        rows, start = [], 0
+        for e, weights in zip(self.experiments, self.weights, strict=True):
+            row = {}
+            for channel, weight in weights.items():
+                end = start + len(e.measured[channel].time)
+                row[channel] = weighted_residuals[start:end] / weight
+                start = end
+            rows.append(row)
+        return rows
+
     @cached_property
     def weights(self) -> list[dict[str, Array | float]]:
         """For each experiment: channel -> weight of its residuals [1/SI], a scalar or one per sample."""

@@ -85,6 +85,8 @@ class PredictiveResult:
     """Fraction of the refits in which each term of the chosen model is chosen again."""
     share: float
     """Share of the explainable error of prediction that the chosen model takes; noise cannot be explained."""
+    noise: float
+    """Squared error of prediction that the noise between repeats alone makes; 0 without repeats."""
     fold_kind: str
     """What is left out: 'condition', 'specimen' or 'part'."""
     n_folds: int

@@ -15,14 +15,14 @@ three things change:
   not chosen again without one fold or another are left out.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
 from klute_sim.diagnosis.selection.forward_selection import (
@@ -41,7 +41,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     rank_model,
 )
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 
 MAX_SINGLES, MAX_PAIRS, MAX_TRIPLES = 6, 6, 4
 """Largest number of models with one, two and three terms that are fitted."""
@@ -59,6 +59,9 @@ N_EXTENDED_PAIRS = 2
 MIN_SHARE = 0.6
 """Share of the explainable error of prediction that names must take (assumed: a proxy for an effect outside the
 catalogue takes less, named effects of measured muscles and seals take 0.78 to 1)."""
+MAX_RIVAL_RATIO = 1.1
+"""Error of prediction of other names over that of the chosen ones, up to which they are rivals although the difference
+exceeds its standard error (assumed: an imperfect law differs by as much between any two forms)."""
 MIN_DETERMINANT = 0.05
 """Smallest determinant of a pair's cosines; below, the two effects are one to these data."""
 
@@ -190,21 +193,31 @@ class PredictiveSelection:
             left_out = [experiments[part.trial] for part in fold]
             setups = fit.hypothesis.build_setups(x, left_out)
             (readings,) = self.data.simulator.simulate([setups], left_out, may_diverge=True)
-            squares = [
-                float(np.mean((series.value - simulated[channel])[selected] ** 2)) / self.data.noise[channel].std ** 2
+            residuals = {
+                part.trial: {channel: series.value - simulated[channel] for channel, series in e.measured.items()}
                 for part, e, simulated in zip(fold, left_out, readings, strict=True)
-                for channel, series in e.measured.items()
-                if channel in self.data.noise and (selected := part.select(e, channel)).any()
-            ]
-            errors.append(np.mean(squares) if squares else 0.0)
+            }
+            errors.append(self.compute_fold_error(fold, residuals))
         all_errors = np.array(errors)
         obstacle = find_naming_obstacle(self.data, fit) if np.isfinite(all_errors).all() else DIVERGENCE_REASON
         return PredictiveModel(fit, all_errors, points, obstacle)
 
-    def _leave_out(self, fit: Fit, fold: Sequence[FoldPart]) -> Array:
-        """Return the normalized parameters of ``fit`` without ``fold``, by one linear step in bounds."""
-        if not len(fit.x):
-            return fit.x
+    def compute_fold_error(self, fold: Sequence[FoldPart], residuals: Mapping[int, Mapping[str, Array]]) -> float:
+        """Return the mean squared error of prediction of ``fold``, over that of the law.
+
+        ``residuals`` are measured minus predicted [SI], by trial and channel.
+        """
+        squares = [
+            float(np.mean(residual[selected] ** 2)) / self.data.noise[channel].std ** 2
+            for part in fold
+            for channel, residual in residuals[part.trial].items()
+            if channel in self.data.noise
+            and (selected := part.select(self.data.experiments[part.trial], channel)).any()
+        ]
+        return float(np.mean(squares)) if squares else 0.0
+
+    def find_retained_rows(self, fold: Sequence[FoldPart], hypothesis: Hypothesis) -> Mask:
+        """Return which weighted residuals of ``hypothesis``, priors among them, do not belong to ``fold``."""
         parts = {part.trial: part for part in fold}
         rows = [
             ~parts[index].select(e, channel)
@@ -213,8 +226,13 @@ class PredictiveSelection:
             for index, (e, weights) in enumerate(zip(self.data.experiments, self.data.weights, strict=True))
             for channel in weights
         ]
-        priors = np.ones(fit.hypothesis.n_device_parameters, dtype=np.bool_)
-        retained = np.concatenate([*rows, priors])
+        return np.concatenate([*rows, np.ones(hypothesis.n_device_parameters, dtype=np.bool_)])
+
+    def _leave_out(self, fit: Fit, fold: Sequence[FoldPart]) -> Array:
+        """Return the normalized parameters of ``fit`` without ``fold``, by one linear step in bounds."""
+        if not len(fit.x):
+            return fit.x
+        retained = self.find_retained_rows(fold, fit.hypothesis)
         lower, upper = fit.hypothesis.bounds()
         margin = 1e-9
         step = lsq_linear(
@@ -232,7 +250,7 @@ class PredictiveSelection:
             for model in nameable
             if len(model.terms) == len(chosen.terms)
             and model.identities != chosen.identities
-            and is_as_good(model, chosen)
+            and (is_as_good(model, chosen) or model.error <= MAX_RIVAL_RATIO * chosen.error)
         ]
         distinct = {model.identities: model for model in reversed(rivals)}
         noise_fractions = [
@@ -250,6 +268,7 @@ class PredictiveSelection:
             models,
             stability,
             share,
+            noise,
             self.fold_kind,
             len(self.folds),
         )

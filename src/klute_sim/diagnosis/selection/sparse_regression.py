@@ -97,14 +97,7 @@ def fit_free_term(
     Only equations with significant residuals get a term. ``exclude`` names effects that are not candidates. Of the sets
     of functions, the ``max_supports`` with the largest predicted gains are fitted.
     """
-    can_add_effect = current.hypothesis.device.spec.can_add_effect
-    effects = {
-        equation.name: DISCREPANCY_EFFECTS[equation.name]
-        for equation in select_significant_equations(equation_residuals)
-    }
-    effects = {
-        name: effect for name, effect in effects.items() if effect.name not in exclude and can_add_effect(effect)
-    }
+    effects = list_discrepancy_effects(current, equation_residuals, exclude)
     if not effects:
         return DiscrepancyResult(None, "No data-driven term was fitted: no equation has a significant residual.")
     supports = {name: find_supports(search.data, current, effect) for name, effect in effects.items()}
@@ -119,6 +112,21 @@ def fit_free_term(
     leading = sorted(promising, key=lambda support: -support.predicted_bic_gain)[:max_supports]
     fitted = [support for support in promising if any(support is other for other in leading)]  # smallest first
     return DiscrepancyResult(_fit_supports(search, current, fitted), "", equation)
+
+
+def list_discrepancy_effects(
+    current: Fit, equation_residuals: Sequence[EquationResidual], exclude: Collection[str] = ()
+) -> dict[str, Effect]:
+    """Return the data-driven term of each equation with a significant residual, by the name of the equation.
+
+    ``exclude`` names effects that are not candidates.
+    """
+    effects = {
+        equation.name: DISCREPANCY_EFFECTS[equation.name]
+        for equation in select_significant_equations(equation_residuals)
+    }
+    can_add_effect = current.hypothesis.device.spec.can_add_effect
+    return {name: effect for name, effect in effects.items() if effect.name not in exclude and can_add_effect(effect)}
 
 
 def format_formula(fit_result: Fit) -> str:

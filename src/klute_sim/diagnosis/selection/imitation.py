@@ -1,0 +1,185 @@
+"""Whether names only imitate an effect outside the catalogue, judged by the prediction of left-out conditions.
+
+Where no model reaches the noise, a large share of the error does not prove a name: effects that resemble a missing
+one take a large share, too. A data-driven term represents any missing effect, as in
+:mod:`klute_sim.diagnosis.selection.free_term` where models reach the noise. The names must predict nearly as well as
+such a term *of the same size*, because a longer formula also describes the error of the law. They may be completed by
+functions of that term: names that are a part of the truth remain then, and imitations do not.
+
+Two kinds of terms are tried: functions in the equation with the misfit, and linear functions of the channels in the
+reading of one instrument (a load cell that responds to the pressure).
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_with_replacement
+from klute_sim.diagnosis.selection.predictive_model import (
+    MIN_TERM_SHARE,
+    PredictiveModel,
+    PredictiveResult,
+    is_as_good,
+)
+from klute_sim.diagnosis.selection.predictive_selection import COMPARISON_ROUNDS, PredictiveSelection
+from klute_sim.diagnosis.selection.sparse_regression import find_supports, format_formula, list_discrepancy_effects
+from klute_sim.effects.effect import Effect
+from klute_sim.types import Array
+
+MAX_REMAINING_FRACTION = 0.5
+"""Fraction of what the names leave above the noise that a data-driven term must leave at most to refuse them
+(assumed). It must also take :data:`MIN_TERM_SHARE` more of the error than they do."""
+
+
+class FreeModel(NamedTuple):
+    """A data-driven term that predicts better than names."""
+
+    description: str
+    """Where the term is, and its formula."""
+    error: float
+    """Its squared error of prediction."""
+    fit: Fit | None
+    """Fit of a term in an equation; None for one in a reading, which no device file holds."""
+
+
+class ReadingFunction(NamedTuple):
+    """A function that may be added to the reading of a channel."""
+
+    label: str
+    """Unit of the coefficient, and the channel that it multiplies."""
+    sensitivity: Array
+    """Derivative of the weighted residuals by the coefficient, (residuals,)."""
+
+
+def find_better_free_model(
+    search: ForwardSelection,
+    base_fit: Fit,
+    selection: PredictiveSelection,
+    result: PredictiveResult,
+    exclude: Collection[str] = (),
+) -> FreeModel | None:
+    """Return a data-driven term that predicts much better than the names of ``result``; None if they stand.
+
+    ``base_fit`` is the fit of ``search`` without added effects; ``exclude`` names effects that are not candidates.
+    """
+    min_gain = MIN_TERM_SHARE * (result.base.error - result.noise)
+
+    def find_limit(named_error: float) -> float:
+        remaining = MAX_REMAINING_FRACTION * max(0.0, named_error - result.noise)
+        return min(result.noise + remaining, named_error - min_gain)
+
+    limit = find_limit(result.chosen.error)
+    for n_functions in range(1, len(result.chosen.terms) + 1):
+        best = min(_fit_readings(selection, result.base.fit, n_functions), key=lambda model: model.error)
+        if best.error < limit:
+            return best
+    equation_residuals = compute_equation_residuals(search.data, base_fit)
+    for effect in list_discrepancy_effects(base_fit, equation_residuals, exclude).values():
+        # Smallest first, so that the shortest of the formulas that predict as well is compared.
+        models = list(_extend(selection, result.base.fit, effect))
+        if not models:  # no function has an influence
+            continue
+        best_model = min(models, key=lambda model: model.error)
+        free = next(
+            model for model in models if is_as_good(model, best_model) or model.error < best_model.error + min_gain
+        )
+        if free.error >= limit:
+            continue
+        named_error = min(_complete_names(selection, result, effect, len(free.terms[-1].parameter_keys)))
+        if free.error < find_limit(named_error):
+            return FreeModel(f"in one equation ({format_formula(free.fit)})", free.error, free.fit)
+    return None
+
+
+def _extend(
+    selection: PredictiveSelection, current: Fit, effect: Effect, sizes: Collection[int] = ()
+) -> Iterator[PredictiveModel]:
+    """Yield ``current`` with sets of functions of ``effect``, smallest first, of the given ``sizes`` (default: all)."""
+    for support in find_supports(selection.data, current, effect):
+        if not sizes or len(support.term.parameter_keys) in sizes:
+            hypothesis = current.hypothesis.with_term(support.term)
+            yield selection.assess(
+                fit_hypothesis(selection.data, hypothesis, support.x0, max_nfev=COMPARISON_ROUNDS[-1])
+            )
+
+
+def _complete_names(
+    selection: PredictiveSelection, result: PredictiveResult, effect: Effect, n_functions: int
+) -> Iterator[float]:
+    """Yield the errors of the names, and of the names with functions of ``effect``: together at most ``n_functions``.
+
+    A name counts as one function, so it is completed in its simplest form, too.
+    """
+    yield result.chosen.error
+    n_further = n_functions - len(result.chosen.terms)
+    if n_further < 1:
+        return
+    for fit in {id(f): f for f in (result.chosen.fit, _simplify_forms(selection, result.chosen.fit))}.values():
+        yield from (model.error for model in _extend(selection, fit, effect, range(1, n_further + 1)))
+
+
+def _simplify_forms(selection: PredictiveSelection, fit: Fit) -> Fit:
+    """Return ``fit`` with the simplest form of each effect."""
+    for term in fit.hypothesis.terms:
+        forms = sorted(term.effect_definition.forms, key=lambda form: len(form.parameters))
+        if term.number is None and len(forms[0].parameters) < len(term.parameters):
+            simpler = term._replace(form=forms[0].name, parameter_keys=())
+            fit = refit_with_replacement(selection.data, fit, term, simpler)
+    return fit
+
+
+def _fit_readings(selection: PredictiveSelection, base_fit: Fit, n_functions: int) -> Iterator[FreeModel]:
+    """Yield each set of ``n_functions`` linear functions of the channels in the reading of each channel.
+
+    They enter linearly, so the numbers of the device are refitted by one linear step beside them.
+    """
+    for channel in sorted({channel for weights in selection.data.weights for channel in weights}):
+        library = _list_reading_functions(selection, base_fit, channel)
+        for functions in combinations(library, n_functions):
+            yield _predict_with_reading(selection, base_fit, channel, functions)
+
+
+def _list_reading_functions(selection: PredictiveSelection, base_fit: Fit, channel: str) -> list[ReadingFunction]:
+    """Return the functions that may be added to the reading of ``channel``: a constant and the simulated channels."""
+    data, unit = selection.data, CHANNEL_UNITS[channel]
+    simulated = [
+        {name: series.value - row[name] for name, series in e.measured.items()}
+        for e, row in zip(data.experiments, base_fit.residuals, strict=True)
+    ]
+    library = []
+    for name in ("", *sorted({name for row in simulated for name in row})):
+        rows = []
+        for e, row in zip(data.experiments, simulated, strict=True):
+            values = {other: np.zeros(len(series.time)) for other, series in e.measured.items()}
+            if channel in values and not name:
+                values[channel] += unit[1]
+            elif channel in values and name in row:
+                own, other = e.measured[channel].time, e.measured[name].time
+                values[channel] = np.interp(own, other, row[name]) / CHANNEL_UNITS[name][1] * unit[1]
+            rows.append(values)
+        priors = np.zeros(base_fit.hypothesis.n_device_parameters)
+        label = f"{unit[0]} per {CHANNEL_UNITS[name][0]} of '{name}'" if name else unit[0]
+        library.append(ReadingFunction(label, np.concatenate([-data.weight_residuals(rows), priors])))
+    return library
+
+
+def _predict_with_reading(
+    selection: PredictiveSelection, base_fit: Fit, channel: str, functions: Sequence[ReadingFunction]
+) -> FreeModel:
+    """Return the model with ``functions`` in the reading of ``channel``, and its error of prediction."""
+    columns = np.column_stack([base_fit.jacobian, *(function.sensitivity for function in functions)])
+    target = -base_fit.weighted_residuals
+    errors = []
+    for fold in selection.folds:
+        retained = selection.find_retained_rows(fold, base_fit.hypothesis)
+        solution = np.linalg.lstsq(columns[retained], target[retained])[0]
+        residuals = selection.data.split_weighted_residuals(columns @ solution - target)
+        errors.append(selection.compute_fold_error(fold, dict(enumerate(residuals))))
+    coefficients = np.linalg.lstsq(columns, target)[0][-len(functions) :]
+    terms = (f"{c:+.3g} {function.label}" for c, function in zip(coefficients, functions, strict=True))
+    return FreeModel(f"in the reading of '{channel}' ({', '.join(terms)})", float(np.mean(errors)), None)

@@ -1,0 +1,104 @@
+"""Names against data-driven terms of the same size: true names stand, imitations of a missing effect do not."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from klute_sim.datasets.trial import TimeSeries
+from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.imitation import FreeModel, find_better_free_model
+from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
+from klute_sim.units import BAR
+from tests.diagnosis.test_free_term import add_terms
+from tests.diagnosis.test_sparse_regression import create_search
+
+pytestmark = pytest.mark.slow
+
+BRAID_FRICTION = EffectTerm("braid_hysteresis", "coulomb")
+SEAL_FRICTION = EffectTerm("seal_friction", "coulomb")
+DAMPING = EffectTerm("muscle_damping", "viscous")
+CROSS_TALK_N_PER_BAR = 12.0
+
+
+@pytest.fixture(scope="module")
+def with_friction(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ForwardSelection, Fit]]:
+    folder = tmp_path_factory.mktemp("friction") / "d"
+    yield from create_search(folder, {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}})
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ForwardSelection, Fit]]:
+    yield from create_search(tmp_path_factory.mktemp("clean") / "d", {})
+
+
+def add_cross_talk(experiment: Experiment) -> Experiment:
+    """Return ``experiment`` with a load cell that responds to the pressure."""
+    force, pressure = experiment.measured["force"], experiment.measured["pressure"]
+    part = CROSS_TALK_N_PER_BAR / BAR * np.interp(force.time, pressure.time, pressure.value)
+    return replace(experiment, measured={**experiment.measured, "force": TimeSeries(force.time, force.value + part)})
+
+
+def judge(search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, ...] = ()) -> FreeModel | None:
+    """Return what refuses the names of ``named``, with all trials of ``search`` and ``named``'s error as that of the
+    law."""
+    data = weight_by_law_error(search.data, search.data.experiments, named.residuals)
+    selection = PredictiveSelection(data, dict(search.data.noise), [])
+    base_model, chosen = (selection.assess(fit_hypothesis(data, fit.hypothesis, fit.x)) for fit in (base, named))
+    noise = float(np.mean([search.data.noise[c].std ** 2 / law.std**2 for c, law in data.noise.items()]))
+    share = (base_model.error - chosen.error) / (base_model.error - noise)
+    stability = dict.fromkeys(chosen.terms, 1.0)
+    result = PredictiveResult(
+        base_model, chosen, [], [chosen, base_model], stability, share, noise, selection.fold_kind, len(selection.folds)
+    )
+    return find_better_free_model(search, base, selection, result, exclude)
+
+
+def test_imitations_of_a_missing_friction_are_refused(with_friction: tuple[ForwardSelection, Fit]) -> None:
+    search, base = with_friction
+    imitation = add_terms(search, base, SEAL_FRICTION, DAMPING)
+    free_model = judge(search, base, imitation)
+    assert free_model is not None
+    assert "in one equation (F += " in free_model.description
+    assert "N p d" in free_model.description
+    assert free_model.fit is not None
+    assert judge(search, base, imitation, ("unknown_force",)) is None
+
+
+def test_true_name_stands(with_friction: tuple[ForwardSelection, Fit]) -> None:
+    search, base = with_friction
+    assert judge(search, base, add_terms(search, base, BRAID_FRICTION)) is None
+
+
+def test_cross_talk_into_the_load_cell_is_found(clean: tuple[ForwardSelection, Fit]) -> None:
+    search, clean_base = clean
+    data = search.data.with_experiments([add_cross_talk(e) for e in search.data.experiments])
+    base = fit_hypothesis(data, clean_base.hypothesis, clean_base.x)
+    disturbed = replace(search, data=data, history=[])
+    free_model = judge(disturbed, base, add_terms(disturbed, base, SEAL_FRICTION))
+    assert free_model is not None
+    assert free_model.fit is None
+    assert "in the reading of 'force'" in free_model.description
+    coefficient, unit = free_model.description.split("(+")[1].split(" ", 1)
+    assert float(coefficient) == pytest.approx(CROSS_TALK_N_PER_BAR, rel=0.15)  # by one linear step
+    assert unit == "N per bar of 'pressure')"
+
+
+def test_wrong_gain_is_not_refused(clean: tuple[ForwardSelection, Fit]) -> None:
+    """The gain of an instrument is a linear function of its reading, too."""
+    search, clean_base = clean
+    experiments = [
+        replace(
+            e, measured={**e.measured, "force": e.measured["force"]._replace(value=1.08 * e.measured["force"].value)}
+        )
+        for e in search.data.experiments
+    ]
+    data = search.data.with_experiments(experiments)
+    base = fit_hypothesis(data, clean_base.hypothesis, clean_base.x)
+    disturbed = replace(search, data=data, history=[])
+    assert judge(disturbed, base, add_terms(disturbed, base, EffectTerm("sensor_gain", "linear", "force"))) is None
