@@ -90,8 +90,9 @@ def find_better_free_model(
         )
         if free.error >= limit:
             continue
+        # Where one condition alone determines the shape of a friction, names fail to predict it. Medians pass over it.
         named_error = min(_complete_names(selection, result, effect, len(free.terms[-1].parameter_keys)))
-        if free.error < find_limit(named_error):
+        if float(np.median(free.errors)) < find_limit(named_error):
             return FreeModel(f"in one equation ({format_formula(free.fit)})", free.error, free.fit)
     return None
 
@@ -111,16 +112,18 @@ def _extend(
 def _complete_names(
     selection: PredictiveSelection, result: PredictiveResult, effect: Effect, n_functions: int
 ) -> Iterator[float]:
-    """Yield the errors of the names, and of the names with functions of ``effect``: together at most ``n_functions``.
+    """Yield the median errors of the names, and of names with functions of ``effect``: together up to ``n_functions``.
 
     A name counts as one function, so it is completed in its simplest form, too.
     """
-    yield result.chosen.error
+    yield float(np.median(result.chosen.errors))
     n_further = n_functions - len(result.chosen.terms)
     if n_further < 1:
         return
     for fit in {id(f): f for f in (result.chosen.fit, _simplify_forms(selection, result.chosen.fit))}.values():
-        yield from (model.error for model in _extend(selection, fit, effect, range(1, n_further + 1)))
+        yield from (
+            float(np.median(model.errors)) for model in _extend(selection, fit, effect, range(1, n_further + 1))
+        )
 
 
 def _simplify_forms(selection: PredictiveSelection, fit: Fit) -> Fit:
