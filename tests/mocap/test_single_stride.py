@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from klute_sim.constants import GRAVITY
 from klute_sim.errors import InputError
 from klute_sim.gait import reference
 from klute_sim.mocap.import_log import ImportLog
@@ -59,6 +60,34 @@ def test_published_stride_becomes_the_reference(n_rows: int, tmp_path: Path) -> 
     assert not any(name.endswith("_sd_deg") for name in result.table)
     assert any("one stride over 'Gait cycle (%)', 1.2 s long" in sentence for sentence in result.log.derived)
     reference.parse_reference(result.to_csv(), "stride", result.stride_time)
+
+
+def test_units_in_square_brackets_are_those_of_round_ones(tmp_path: Path) -> None:
+    path = write_stride(tmp_path / "stride.csv")
+    expected = import_reference([path], OPTIONS).table
+    path.write_text(path.read_text().replace("(Nm/kg)", "[Nm/kg]").replace("(N/kg)", "[N/kg]"))
+    table = import_reference([path], OPTIONS).table
+    assert table.keys() == expected.keys()
+    for column in expected:
+        np.testing.assert_array_equal(table[column], expected[column])
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("N/kg", 1.0), ("BW", 1.0 / GRAVITY), ("%BW", 100.0 / GRAVITY)])
+def test_ground_reactions_may_be_fractions_of_the_body_weight(unit: str, scale: float, tmp_path: Path) -> None:
+    path = write_stride(tmp_path / "stride.csv")
+    expected = import_reference([path], OPTIONS).table["grf_vertical_n_per_kg"]
+    heading, *rows = path.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    scaled = [",".join([*row[:-2], *(f"{scale * float(cell):.8f}" for cell in row[-2:])]) for row in cells]
+    path.write_text("\n".join([heading.replace("(N/kg)", f"[{unit}]"), *scaled]) + "\n")
+    assert import_reference([path], OPTIONS).table["grf_vertical_n_per_kg"] == pytest.approx(expected, abs=1e-4)
+
+
+def test_unknown_unit_is_refused_with_the_usual_ones(tmp_path: Path) -> None:
+    path = write_stride(tmp_path / "stride.csv")
+    path.write_text(path.read_text().replace("(Nm/kg)", "[Nm/lb]"))
+    with pytest.raises(InputError, match=r"is in 'Nm/lb', which is not .* use for example 'N\*m' or 'N\*m/kg'"):
+        import_reference([path], OPTIONS)
 
 
 def unroll(path: Path, stride_time: float | None = 1.2) -> Sequence[sources.SourceFile]:

@@ -1,7 +1,7 @@
 """Videos from images: GIF and WebP with Pillow, MP4 (H.264) with imageio-ffmpeg of the optional extra 'video'."""
 
 import importlib.util
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +18,10 @@ FRAME_RATE = 25.0
 """Frames per second of the videos of simulations."""
 MAX_SECONDS = 600.0
 """Longest video of a simulation [s]."""
-N_COLOURS = 128
+N_COLOURS = 256
 """Number of colours of a GIF."""
-N_PALETTE_IMAGES = 8
-"""Number of images from which the colours of a GIF are chosen."""
+COLOUR_MASK = np.uint8(0xF8)
+"""Bits of red, green and blue by which colours are distinguished when those of a GIF are chosen."""
 WEBP_QUALITY = 70
 """Quality of a WebP animation, of 100."""
 
@@ -51,12 +51,21 @@ def write_video(path: Path, images: Iterable[NDArray[np.uint8]], frame_rate: flo
         frames[0].save(path, None, save_all=True, append_images=frames[1:], duration=duration_ms, loop=0, **options)
         return
     # One palette for all frames: colours do not flicker, and unchanged pixels cost nothing.
-    step = max(1, len(frames) // N_PALETTE_IMAGES)
-    samples = np.concatenate([np.asarray(frame) for frame in frames[::step]])
-    palette = Image.fromarray(samples).quantize(N_COLOURS, Image.Quantize.MEDIANCUT)
+    palette = _choose_palette(frames)
     reduced = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     first, *others = reduced
     first.save(path, None, save_all=True, append_images=others, duration=duration_ms, loop=0, disposal=1)
+
+
+def _choose_palette(frames: Sequence[Image.Image]) -> Image.Image:
+    """Return an image whose palette suits all ``frames``.
+
+    Every colour counts once, however many pixels have it: a muscle that turns green in a few frames stays green.
+    """
+    colours = np.unique(
+        np.concatenate([np.unique(np.asarray(frame).reshape(-1, 3) & COLOUR_MASK, axis=0) for frame in frames]), axis=0
+    )
+    return Image.fromarray(colours[np.newaxis]).quantize(N_COLOURS, Image.Quantize.MEDIANCUT)
 
 
 def _write_mp4(path: Path, images: Iterable[NDArray[np.uint8]], frame_rate: float) -> None:

@@ -79,8 +79,9 @@ def test_a_column_alone_may_omit_its_unit(text: str, unit: str | None) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("2 raw [N]", "position 3: 'raw' is not expected; write * for a product, and square brackets around a unit"),
-        ("4.45 N", "position 6: 'N' is not expected; write * for a product, and square brackets around a unit"),
+        ("Load cell", "backticks around the name of a column with spaces or parentheses: `Load cell (N)`"),
+        ("2 raw [N]", "position 3: 'raw' is not expected; write * for a product, square brackets around a unit, and"),
+        ("4.45 N", "position 6: 'N' is not expected; write * for a product, square brackets around a unit, and"),
         ("(a [N]", "position 1: '(' is not closed"),
         ("a) [N]", "position 2: ')' is not expected"),
         ("a * / b [N]", "position 5: '/' is not expected; a number, a column or '(' is"),

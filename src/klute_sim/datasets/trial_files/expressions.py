@@ -121,7 +121,11 @@ class _Parser:
         if self.index < len(self.tokens):
             token = self.tokens[self.index]
             is_operand = token.kind in ("number", "name", "heading") or token.text == "("
-            fix = "; write * for a product, and square brackets around a unit" if is_operand else ""
+            fix = (
+                "; write * for a product, square brackets around a unit, and backticks around the name of a column "
+                "with spaces or parentheses: `Load cell (N)`"
+            )
+            fix = fix if is_operand else ""
             raise self._error(token.position, f"'{token.text}' is not expected{fix}")
         return self.program
 

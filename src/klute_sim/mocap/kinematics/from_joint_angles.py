@@ -170,7 +170,7 @@ def _build_leg(
     else:
         log.add_missing(
             f"{trial_name}: no ankle moment of the {side} leg, and none can be computed without the position of the "
-            "ankle: add the inverse dynamics (.sto) or the markers (.trc, .c3d)"
+            "ankle: add the inverse dynamics (.sto), the markers (.trc, .c3d) or a column 'Ankle moment [N*m/kg]'"
         )
     belt = body.belt_speed
     belt_speed = None if belt is None else np.interp(clock.time, belt.time, belt.values)

@@ -17,10 +17,13 @@ from klute_sim.mocap.parsing.mapping import BODY_SECTION, PROSTHESIS_SECTION, Co
 from klute_sim.mocap.parsing.sources import OPENSIM_STORAGE, SourceFile
 from klute_sim.types import Array
 
-PER_KG_UNITS = {"N*m/kg": "N*m", "N/kg": "N", "W/kg": "W", "N m/kg": "N*m"}
+PER_KG_UNITS = {
+    **dict.fromkeys(("N*m/kg", "N m/kg", "N.m/kg", "Nm/kg"), "N*m"),
+    **{"N/kg": "N", "W/kg": "W"},
+}
 """Unit per body mass -> unit."""
-BODY_WEIGHT_UNITS = ("BW", "body weight", "body_weight")
-"""Names of the body weight as a unit of force."""
+BODY_WEIGHT_UNITS = {"BW": 1.0, "body weight": 1.0, "body_weight": 1.0, "%BW": 0.01, "% BW": 0.01}
+"""Name of the body weight as a unit of force -> body weights."""
 HEADER_CONTRADICTION = "by the range of the knee angle, although the header states"
 """Reason for a unit other than the stated one."""
 MIN_ROWS = 20
@@ -185,14 +188,18 @@ def _convert_units(values: Array, channel: str, unit: str, label: str, options: 
     if is_normalized:
         if options.mass is None:
             raise InputError(f"column '{label}' is in {unit}: pass --mass to convert it to {standard_unit}")
-        return np.asarray(values * options.mass * (GRAVITY if unit in BODY_WEIGHT_UNITS else 1.0), dtype=np.float64)
+        per_mass = GRAVITY * BODY_WEIGHT_UNITS[unit] if unit in BODY_WEIGHT_UNITS else 1.0
+        return np.asarray(values * options.mass * per_mass, dtype=np.float64)
     if standard_unit == "deg" and unit.lower() in ("deg", "degree", "degrees"):
         return values
     base_unit = "rad" if standard_unit == "deg" else standard_unit
     factor = unit_conversion.get_conversion_factor(unit, base_unit)
     if factor is None:
+        examples = [standard_unit, *[per_kg for per_kg, base in PER_KG_UNITS.items() if base == standard_unit][:1]]
+        examples += ["BW"] if standard_unit == "N" else []
         raise InputError(
-            f"column '{label}' is in '{unit}', which is not a unit of {channel}; use for example '{standard_unit}'"
+            f"column '{label}' is in '{unit}', which is not a unit of {channel}; use for example "
+            + " or ".join(f"'{example}'" for example in examples)
         )
     scaled = np.asarray(values * factor, dtype=np.float64)
     return np.degrees(scaled) if standard_unit == "deg" else scaled

@@ -266,8 +266,8 @@ def _describe_learning(hip_path: Mapping[str, Any]) -> str:
     if not hip_path["learning_strides"]:
         return "the rig follows the planned path of the hip"
     errors = (
-        f"rms errors in stance {hip_path['vertical_residual_bw']:.3f} body weights vertical and "
-        f"{hip_path['forward_residual_bw']:.3f} fore-aft"
+        f"rms errors in stance {hip_path['vertical_residual_bw']:.4f} body weights vertical and "
+        f"{hip_path['forward_residual_bw']:.4f} fore-aft"
     )
     aims = f"{VERTICAL_TOLERANCE_BW:g} and {FORWARD_TOLERANCE_BW:g}"
     if hip_path["has_converged"]:
@@ -284,8 +284,8 @@ def _describe_learning(hip_path: Mapping[str, Any]) -> str:
     )
     return (
         f"the rig has NOT learned the path of the hip in {limit} strides: on the best one, stride "
-        f"{hip_path['learning_strides']}, the foot carries the load of the reference with {errors}, above the aims "
-        f"of {aims}; {advice}"
+        f"{hip_path['learning_strides']}, the foot carries the load of the reference with {errors}; the aims are "
+        f"{aims}, and both must be reached; {advice}"
     )
 
 
