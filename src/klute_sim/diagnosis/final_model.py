@@ -161,7 +161,10 @@ def select_imperfect_model(
             f"{100.0 * result.chosen.error / result.base.error:.1f} %. The missing effect is not in the catalogue, and "
             "these names only imitate it."
         )
-        refused = _replace_names(search, base_fit, free_model.fit, [*decision.reasons, reason], options)
+        free_fit = base_fit  # no device file holds a term in a reading
+        if free_model.fit is not None:
+            free_fit = fit_hypothesis(search.data, free_model.fit.hypothesis, free_model.fit.x)
+        refused = _replace_names(search, base_fit, free_fit, [*decision.reasons, reason], options)
         return refused._replace(prediction=result)
     data, base_fit = selection.data, result.base.fit
     final_fit, has_converged = check_convergence(data, result.chosen.fit, np.random.default_rng(options.seed))
@@ -220,11 +223,10 @@ def _refuse_names(
 
 
 def _replace_names(
-    search: ForwardSelection, base_fit: Fit, free_fit: Fit | None, reasons: list[str], options: DiagnosisOptions
+    search: ForwardSelection, base_fit: Fit, free_fit: Fit, reasons: list[str], options: DiagnosisOptions
 ) -> FinalModel:
-    """Return the model with the data-driven term of ``free_fit``; None is ``base_fit`` itself, without any term."""
-    start = base_fit if free_fit is None else fit_hypothesis(search.data, free_fit.hypothesis, free_fit.x)
-    final_fit, has_converged = check_convergence(search.data, start, np.random.default_rng(options.seed))
+    """Return the model of ``free_fit``, which holds a data-driven term, or nothing, in place of names."""
+    final_fit, has_converged = check_convergence(search.data, free_fit, np.random.default_rng(options.seed))
     return FinalModel(
         "unexplained",
         reasons,

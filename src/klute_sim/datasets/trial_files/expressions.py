@@ -22,6 +22,11 @@ from klute_sim.types import Array
 
 MAX_EXPRESSION_LENGTH = 400
 """Largest number of letters of an expression."""
+OPERAND_ADVICE = (
+    "; write * for a product, square brackets around a unit, and backticks around the name of a column with spaces or "
+    "parentheses: `Load cell (N)`"
+)
+"""What to write where a number or a name is not expected."""
 MAX_DEPTH = 16
 """Deepest nesting of parentheses."""
 ROW = "row"
@@ -121,12 +126,7 @@ class _Parser:
         if self.index < len(self.tokens):
             token = self.tokens[self.index]
             is_operand = token.kind in ("number", "name", "heading") or token.text == "("
-            fix = (
-                "; write * for a product, square brackets around a unit, and backticks around the name of a column "
-                "with spaces or parentheses: `Load cell (N)`"
-            )
-            fix = fix if is_operand else ""
-            raise self._error(token.position, f"'{token.text}' is not expected{fix}")
+            raise self._error(token.position, f"'{token.text}' is not expected{OPERAND_ADVICE if is_operand else ''}")
         return self.program
 
     def _split(self) -> list[_Token]:

@@ -19,7 +19,7 @@ import numpy as np
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_with_replacement
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import (
     MIN_TERM_SHARE,
     PredictiveModel,
@@ -120,20 +120,12 @@ def _complete_names(
     n_further = n_functions - len(result.chosen.terms)
     if n_further < 1:
         return
-    for fit in {id(f): f for f in (result.chosen.fit, _simplify_forms(selection, result.chosen.fit))}.values():
+    named_fit = result.chosen.fit
+    simplified = selection.simplify_terms(named_fit, named_fit.hypothesis.terms)
+    for fit in [named_fit] if simplified is named_fit else [named_fit, simplified]:
         yield from (
             float(np.median(model.errors)) for model in _extend(selection, fit, effect, range(1, n_further + 1))
         )
-
-
-def _simplify_forms(selection: PredictiveSelection, fit: Fit) -> Fit:
-    """Return ``fit`` with the simplest form of each effect."""
-    for term in fit.hypothesis.terms:
-        forms = sorted(term.effect_definition.forms, key=lambda form: len(form.parameters))
-        if term.number is None and len(forms[0].parameters) < len(term.parameters):
-            simpler = term._replace(form=forms[0].name, parameter_keys=())
-            fit = refit_with_replacement(selection.data, fit, term, simpler)
-    return fit
 
 
 def _fit_readings(selection: PredictiveSelection, base_fit: Fit, n_functions: int) -> Iterator[FreeModel]:

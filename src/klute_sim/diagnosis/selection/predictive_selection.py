@@ -169,13 +169,17 @@ class PredictiveSelection:
 
     def _simplify_at_bound(self, fit: Fit) -> Fit | None:
         """Return ``fit`` with the simplest form of each effect that has a parameter at its bound; None without any."""
-        simplified = fit
-        for term in find_terms_at_bound(fit):
+        simplified = self.simplify_terms(fit, find_terms_at_bound(fit))
+        return None if simplified is fit else simplified
+
+    def simplify_terms(self, fit: Fit, terms: Sequence[EffectTerm]) -> Fit:
+        """Return ``fit`` with each effect of ``terms`` in its simplest form; ``fit`` itself where all are simple."""
+        for term in terms:
             forms = sorted(term.effect_definition.forms, key=lambda form: len(form.parameters))
             if term.number is None and len(forms[0].parameters) < len(term.parameters):
                 simpler = term._replace(form=forms[0].name, parameter_keys=())
-                simplified = refit_with_replacement(self.data, simplified, term, simpler)
-        return None if simplified is fit else simplified
+                fit = refit_with_replacement(self.data, fit, term, simpler)
+        return fit
 
     def assess(self, fit: Fit) -> PredictiveModel:
         """Return the errors of prediction of ``fit``.
