@@ -57,3 +57,12 @@ def test_accepted_findings_are_remarks(tmp_path: Path) -> None:
     *remarks, unused = load_dataset(tmp_path / "data").remarks
     assert tuple(remarks) == dataset.remarks
     assert unused == f"{file}: 'accept' names 'length-unit', which was not found"
+
+
+def test_a_fast_regulator_without_a_force_does_not_tell_another_unit(tmp_path: Path) -> None:
+    rows = [f"{t / 100:.2f},340,{3 * (t > 100)},{3 * (t > 100)}" for t in range(400)]
+    heading = "time [s],length [mm],pressure_command [bar],pressure [bar]"
+    (tmp_path / "step.csv").write_text("\n".join([heading, *rows]))
+    head = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "klute-3-4-pair"\n'
+    (tmp_path / "dataset.toml").write_text(head + '[[trial]]\nfiles = ["step.csv"]\n')
+    assert load_dataset(tmp_path).accepted == ()

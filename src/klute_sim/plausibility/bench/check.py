@@ -11,7 +11,7 @@ from klute_sim.plausibility.bench.causality import leads
 from klute_sim.plausibility.bench.dropouts import check_dropouts
 from klute_sim.plausibility.bench.magnitudes import check_all_commands, check_magnitudes, check_missing_value_codes
 from klute_sim.plausibility.bench.mistakes import Mistake, list_mistakes, list_time_units
-from klute_sim.plausibility.bench.trial import PRESCRIBED, RecordedTrial, Response
+from klute_sim.plausibility.bench.trial import MEASURED, PRESCRIBED, RecordedTrial, Response
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.units import format_range
 
@@ -70,8 +70,9 @@ def _search_mistake(trial: RecordedTrial, *, has_wrong_range: bool) -> list[Find
             continue
         corrected_misfit = _combine_misfits(corrected)
         min_ratio, max_misfit = EVIDENCE.get(mistake.findings[0].name, (MIN_IMPROVEMENT, MAX_CHANNEL_MISFIT))
-        is_convincing = max(agreement.misfit for agreement in corrected.values()) <= max_misfit and misfit >= max(
-            min_ratio * corrected_misfit, MIN_DECREASE + corrected_misfit
+        before, after = (_combine_misfits(each, mistake.evidence) for each in (agreements, corrected))
+        is_convincing = max(agreement.misfit for agreement in corrected.values()) <= max_misfit and before >= max(
+            min_ratio * after, MIN_DECREASE + after
         )
         # Units of one channel give equal courses: the right one gives the magnitude, too.
         scale_error = sum(agreement.scale_error for agreement in corrected.values())
@@ -94,11 +95,10 @@ def _simulate_changed(trial: RecordedTrial, response: Response | None, changed: 
     return simulate_trial(changed)
 
 
-def _combine_misfits(agreements: dict[str, Agreement]) -> float:
-    """Return the root mean square of the misfits of all channels; 1 without channels."""
-    if not agreements:
-        return 1.0
-    return float(np.sqrt(np.mean([agreement.misfit**2 for agreement in agreements.values()])))
+def _combine_misfits(agreements: dict[str, Agreement], channels: Sequence[str] = MEASURED) -> float:
+    """Return the root mean square of the misfits of ``channels``; 1 where none of them can be compared."""
+    misfits = [agreement.misfit for name, agreement in agreements.items() if name in channels]
+    return float(np.sqrt(np.mean(np.square(misfits)))) if misfits else 1.0
 
 
 def _complete(finding: Finding, trial: RecordedTrial, agreements: dict[str, Agreement]) -> Finding:

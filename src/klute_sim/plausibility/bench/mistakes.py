@@ -32,6 +32,8 @@ class Mistake(NamedTuple):
     """What the user reads if the mistake is confirmed; one finding for each channel concerned."""
     trial: RecordedTrial
     """The trial without the mistake."""
+    evidence: tuple[str, ...] = MEASURED
+    """Measured channels that have to agree better without the mistake."""
 
 
 def list_mistakes(trial: RecordedTrial) -> Iterator[Mistake]:
@@ -89,7 +91,8 @@ def _list_units(trial: RecordedTrial) -> Iterator[Mistake]:
                 for name in names
             )
             changed = {name: trial.get_samples(name).value * factor for name in names}
-            yield Mistake(findings, trial.with_values(**changed))
+            # A pressure that follows its command does so in any unit: only the others know how large both are.
+            yield Mistake(findings, trial.with_values(**changed), evidence=("force", "muscle_length"))
 
 
 def _list_other_units(trial: RecordedTrial, name: str) -> Iterator[tuple[str, float]]:
