@@ -21,6 +21,7 @@ _MODULES = {
     "klute_sim.api.baselines": ("BaselineTable", "simulate_baselines"),
     "klute_sim.api.bench": ("BenchRun", "simulate_bench"),
     "klute_sim.api.comparison": ("ComparisonResult", "compare"),
+    "klute_sim.api.dataset_draft": ("draft_dataset",),
     "klute_sim.api.design": ("DesignResult", "design"),
     "klute_sim.api.diagnosis": (
         "DiagnosisResult",
@@ -43,6 +44,7 @@ _MODULES = {
     "klute_sim.api.walk_comparison": ("WalkComparison", "compare_walks"),
     "klute_sim.api.walk_tuning": ("WalkTuningResult", "tune_walk"),
     "klute_sim.datasets.dataset": ("Dataset",),
+    "klute_sim.datasets.draft.draft": ("DatasetDraft",),
     "klute_sim.device.device": ("Device", "list_presets", "load_device"),
     "klute_sim.device.schema.document": ("Damper", "Tendon"),
     "klute_sim.device.schema.muscle": ("Muscle",),

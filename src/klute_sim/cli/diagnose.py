@@ -22,6 +22,12 @@ PREDICTIONS_FILE_NAME = "predictions.json"
 @click.argument("folder", metavar="FOLDER", type=NonEmptyPath())
 @click.option("--example", is_flag=True, help="Write the example dataset into FOLDER (new or empty), then diagnose it.")
 @click.option(
+    "--draft",
+    is_flag=True,
+    help="Write a draft of dataset.toml for the bench recordings in FOLDER, and stop. With --device; by default the "
+    "device file in FOLDER.",
+)
+@click.option(
     "--device",
     "device_name",
     shell_complete=completion.complete_device,
@@ -73,6 +79,7 @@ PREDICTIONS_FILE_NAME = "predictions.json"
 def command(
     folder: Path,
     example: bool,
+    draft: bool,
     device_name: str | None,
     only: tuple[str, ...],
     exclude: tuple[str, ...],
@@ -100,6 +107,7 @@ def command(
     \b
     Examples:
       klute-sim diagnose example-dataset --example
+      klute-sim diagnose my-recordings --draft --device klute-3-4-pair
       klute-sim diagnose my-dataset
       klute-sim diagnose my-dataset --device runs/diagnose-001/device.toml
       klute-sim diagnose my-dataset --accept force-unit
@@ -110,6 +118,9 @@ def command(
     """
     from klute_sim.cli.console import stderr_console
 
+    if draft:
+        _write_draft(folder, device_name, is_alone=not (example or only or exclude or predicted_folders or as_json))
+        return
     if catalogue is not None:
         from klute_sim.cli.effects import load_catalogue
 
@@ -153,6 +164,30 @@ def command(
     for prediction in predictions:
         console.print(build_prediction_table(prediction))
     console.print(f"Results: {run_folder}", soft_wrap=True)
+
+
+def _write_draft(folder: Path, device_name: str | None, *, is_alone: bool) -> None:
+    """Write the draft of dataset.toml; print what was assumed, and what a first reading of the dataset finds."""
+    from klute_sim.api.dataset_draft import draft_dataset
+    from klute_sim.api.diagnosis import load_dataset
+    from klute_sim.cli.console import stdout_console
+    from klute_sim.errors import InputError
+
+    if not is_alone:
+        raise InputError("--draft writes dataset.toml and diagnoses nothing; pass no other option than --device")
+    written = draft_dataset(folder, device_name)
+    console = stdout_console()
+    console.print(written.text, markup=False, highlight=False, soft_wrap=True)
+    for remark in written.remarks:
+        console.print(f"- {remark}", markup=False, highlight=False, soft_wrap=True)
+    trials = "1 trial" if written.n_trials == 1 else f"{written.n_trials} trials in {written.n_groups} groups"
+    console.print(f"Draft: {written.path}, {trials}", soft_wrap=True)
+    try:
+        load_dataset(folder)
+    except InputError as error:
+        console.print(f"It cannot be diagnosed yet: {error}", markup=False, highlight=False, soft_wrap=True)
+    else:
+        console.print(f"It can be read. Check it, then: klute-sim diagnose {folder}", soft_wrap=True)
 
 
 @contextmanager

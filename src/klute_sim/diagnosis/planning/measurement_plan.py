@@ -139,18 +139,23 @@ def write_plan_files(
     )
 
 
-def format_dataset_toml(
-    device: Device, protocols: Sequence[IdentificationProtocol], n_repeats: int, *, simulated: bool
-) -> str:
-    """Return the content of dataset.toml with the trials to record."""
+def list_usual_uncertainties(device: Device) -> dict[str, str]:
+    """Return those of :data:`DEFAULT_UNCERTAINTIES` whose numbers ``device`` has."""
     values, muscle = device.spec.collect_values(), device.spec.muscle
     is_off = {
         "muscle.c10_kpa": not (muscle and muscle.bladder),
         "muscle.friction_slope_n_per_bar": not (muscle and muscle.friction),
     }
-    uncertain = {
+    return {
         key: deviation for key, deviation in DEFAULT_UNCERTAINTIES.items() if values.get(key) and not is_off.get(key)
     }
+
+
+def format_dataset_toml(
+    device: Device, protocols: Sequence[IdentificationProtocol], n_repeats: int, *, simulated: bool
+) -> str:
+    """Return the content of dataset.toml with the trials to record."""
+    uncertain = list_usual_uncertainties(device)
     lines = [SIMULATED_NOTE, ""] if simulated else []
     lines += [
         "# Paths are relative to this folder. Delete the trials that you did not record.",

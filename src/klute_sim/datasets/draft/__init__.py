@@ -1,0 +1,1 @@
+"""Draft of ``dataset.toml`` for a folder of bench recordings, from their headings and samples."""

@@ -1,0 +1,131 @@
+"""The expressions of ``[columns]`` with which one file becomes a trial of the bench."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from klute_sim.datasets import unit_conversion
+from klute_sim.datasets.channels import get_column_units
+from klute_sim.datasets.draft.headings import HeadingMeaning, interpret_heading
+from klute_sim.datasets.trial_files.expressions import parse_expression
+from klute_sim.datasets.trial_files.sources import open_source
+from klute_sim.datasets.trial_files.table import read_trial_file
+from klute_sim.files.limits import TRIAL
+from klute_sim.files.reading import read_bytes
+from klute_sim.types import Array
+
+ATMOSPHERIC_PRESSURE_PA = 101325.0
+"""Pressure that is subtracted from absolute pressures [Pa] (standard atmosphere)."""
+MIN_LENGTH_RATIO = 0.5
+"""Shortest length that is not taken for a displacement, relative to the resting length of the unit (assumed)."""
+
+_SI_UNITS = get_column_units("bench")
+_DEFAULT_UNITS = {"s": "s", "m": "mm", "N": "N", "Pa": "bar"}
+"""SI unit -> unit that is assumed where a heading states none."""
+_STANDARD_HEADING = re.compile(r"\w+\s*\[[^\[\]]+\]")
+_PLAIN_NAME = re.compile(r"[^\W\d]\w*")
+
+
+@dataclass(frozen=True)
+class ColumnChoice:
+    """Where a channel comes from."""
+
+    heading: str
+    """Heading of its column."""
+    expression: str | None
+    """Expression for ``[columns]``; None where the heading itself names the channel and its unit."""
+    remark: str = ""
+    """What the user has to check; '' where nothing is assumed."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecognizedFile:
+    """A file, its channels, and their samples."""
+
+    path: Path
+    """The file."""
+    choices: Mapping[str, ColumnChoice]
+    """Channel or time -> where it comes from."""
+    unused: tuple[str, ...]
+    """Headings of columns of which no channel is known."""
+    samples: Mapping[str, Array]
+    """Channel or time -> samples [SI]."""
+
+
+def recognize_file(path: Path, resting_length: float) -> RecognizedFile:
+    """Return the channels of the file at ``path``; ``resting_length`` [m] is that of the whole unit.
+
+    A length that is much shorter is taken for a displacement from the resting length. Raises InputError when the file
+    cannot be read.
+    """
+    content = read_bytes(path, TRIAL)
+    file = open_source(content, path, None, lambda heading: interpret_heading(heading) is not None, ())
+    chosen = _choose_headings(file.headings)
+    choices = {
+        channel: _describe_column(heading, meaning, has_units=file.has_units)
+        for channel, (heading, meaning) in chosen.items()
+    }
+    samples = _read_samples(path, choices)
+    if "length" in samples and float(np.nanmax(samples["length"])) < MIN_LENGTH_RATIO * resting_length:
+        choices["length"] = _add_resting_length(*chosen["length"], resting_length)
+        samples = _read_samples(path, choices)
+    used = {heading for heading, _ in chosen.values()}
+    return RecognizedFile(path, choices, tuple(heading for heading in file.headings if heading not in used), samples)
+
+
+def _choose_headings(headings: Sequence[str]) -> dict[str, tuple[str, HeadingMeaning]]:
+    """Return the best heading of each channel, in the order of the channels of the bench."""
+    meanings = [(heading, interpret_heading(heading)) for heading in headings]
+    chosen: dict[str, tuple[str, HeadingMeaning]] = {}
+    for heading, meaning in meanings:
+        if meaning is not None and (meaning.channel not in chosen or meaning.rank < chosen[meaning.channel][1].rank):
+            chosen[meaning.channel] = heading, meaning
+    return {channel: chosen[channel] for channel in _SI_UNITS if channel in chosen}
+
+
+def _describe_column(heading: str, meaning: HeadingMeaning, *, has_units: bool) -> ColumnChoice:
+    is_named = heading.split("[")[0].strip().lower() in (meaning.channel, "unit_length")
+    if is_named and has_units and _STANDARD_HEADING.fullmatch(heading) and not meaning.is_absolute:
+        return ColumnChoice(heading, None)
+    unit, remarks = _choose_unit(meaning)
+    term = format_column(heading)
+    if meaning.is_absolute:
+        factor = unit_conversion.get_si_factor(unit, "Pa") or 1.0
+        term += f" - {ATMOSPHERIC_PRESSURE_PA / factor:.6g}"
+        remarks.append("the pressure of the room is subtracted, a standard atmosphere")
+    return ColumnChoice(heading, f"{term} [{unit}]", "; ".join(remarks))
+
+
+def _choose_unit(meaning: HeadingMeaning) -> tuple[str, list[str]]:
+    """Return the unit of a column, and a remark where it is assumed."""
+    default = _DEFAULT_UNITS[_SI_UNITS[meaning.channel]]
+    return (meaning.unit, []) if meaning.unit else (default, [f"the file states no unit; {default} is assumed"])
+
+
+def _add_resting_length(heading: str, meaning: HeadingMeaning, resting_length: float) -> ColumnChoice:
+    """Return the length from a column with a displacement, whose zero is taken for the resting length [m]."""
+    unit, remarks = _choose_unit(meaning)
+    zero = resting_length / (unit_conversion.get_si_factor(unit, "m") or 1.0)
+    sign = "-" if meaning.is_shortening else "+"
+    remarks.append(
+        f"this is a displacement; {zero:.6g} {unit}, the resting length of the device, is taken for its zero"
+    )
+    return ColumnChoice(heading, f"{zero:.6g} {sign} {format_column(heading)} [{unit}]", "; ".join(remarks))
+
+
+def format_column(heading: str) -> str:
+    """Return ``heading`` as an expression names it, in backticks unless it is a plain name."""
+    return heading if _PLAIN_NAME.fullmatch(heading) else f"`{heading}`"
+
+
+def _read_samples(path: Path, choices: Mapping[str, ColumnChoice]) -> Mapping[str, Array]:
+    expressions = {
+        channel: parse_expression(choice.expression, _SI_UNITS[channel], f"[columns] {channel}", str(path))
+        for channel, choice in choices.items()
+        if choice.expression is not None
+    }
+    units = {channel: _SI_UNITS[channel] for channel in choices}
+    return read_trial_file(path, units, expressions).columns

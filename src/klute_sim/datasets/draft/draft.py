@@ -1,0 +1,218 @@
+"""Draft of ``dataset.toml`` for a folder of bench recordings."""
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from klute_sim.datasets.channels import get_measured_units, get_prescribed_units
+from klute_sim.datasets.dataset import DATASET_FILE_NAME
+from klute_sim.datasets.draft.columns import ColumnChoice, RecognizedFile, format_column, recognize_file
+from klute_sim.datasets.draft.repeats import group_repeats
+from klute_sim.datasets.format import FORMAT_NAME
+from klute_sim.datasets.trial_files.column_assignment import format_columns
+from klute_sim.datasets.trial_files.sources import MAT_SUFFIXES, PARQUET_SUFFIXES
+from klute_sim.device.device import Device
+from klute_sim.errors import InputError
+from klute_sim.recording.atomic_file import write_atomically
+
+TRIAL_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", *PARQUET_SUFFIXES, *MAT_SUFFIXES)
+"""Endings of files that can be trials."""
+ASSUMED_PRESSURE_NOISE = "20 mbar"
+"""Noise of a measured pressure that stands for the command (assumed)."""
+_COMMAND, _PRESSURE = "pressure_command", "pressure"
+_EXAMPLES = {
+    "time": "row / 1000 [s]",
+    "length": "340 [mm]",
+    _COMMAND: "3 [bar]",
+}
+"""Time or prescribed channel -> how ``[columns]`` states it where no column holds it."""
+
+
+@dataclass(frozen=True)
+class DatasetDraft:
+    """A draft that :func:`write_dataset_draft` wrote."""
+
+    path: Path
+    """The file."""
+    text: str
+    """Its content."""
+    remarks: tuple[str, ...]
+    """What the user has to check or to complete, one sentence each."""
+    n_trials: int
+    """Number of trials."""
+    n_groups: int
+    """Number of groups of repeats."""
+
+
+def write_dataset_draft(
+    folder: Path, device: Device, device_reference: str, uncertain: Mapping[str, str]
+) -> DatasetDraft:
+    """Write dataset.toml for the bench recordings in ``folder``.
+
+    ``device_reference`` is the preset or the path that the file names, ``uncertain`` the standard deviations of
+    uncertain numbers. Columns are recognized by their words and units, repeats by equal inputs; each assumption is a
+    comment in the file and a remark. Raises InputError when the folder has a dataset.toml, or no file that can be read.
+    """
+    path = folder / DATASET_FILE_NAME
+    if path.exists():
+        raise InputError(f"{path} exists already; remove it to write a draft, or leave out --draft")
+    files, remarks = _recognize_files(folder, _compute_resting_length(device))
+    files, noise = _replace_missing_command(files)
+    groups = group_repeats(files)
+    shared = _find_shared_choices(files)
+    missing = _list_missing(files)
+    lines = [
+        f"# Draft from the headings and samples of {len(files)} files. Check every line, and correct what is wrong.",
+        f'format = "{FORMAT_NAME}"',
+        'rig = "bench"',
+        f"device = {json.dumps(device_reference)}",
+        "",
+        "# Standard deviations of numbers that are rarely known exactly. The diagnosis refits these before it names",
+        "# anything. Delete those that you know, and add others.",
+        "[uncertain]",
+        *(f'"{key}" = "{deviation}"' for key, deviation in uncertain.items()),
+        *_format_columns("[columns]", shared, missing),
+        *noise,
+    ]
+    for file, group in zip(files, _name_groups(files, groups), strict=True):
+        lines += ["", "[[trial]]", f"files = [{json.dumps(file.path.name)}]"]
+        lines += [f"group = {json.dumps(group)}"] if group else []
+        own = {channel: choice for channel, choice in file.choices.items() if shared.get(channel) != choice}
+        lines += _format_columns("[trial.columns]", own, {})
+    remarks += [*_describe_choices(files), *missing.values(), *_describe_repeats(groups)]
+    text = "\n".join(lines) + "\n"
+    try:
+        write_atomically(path, text)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
+    return DatasetDraft(path, text, tuple(dict.fromkeys(remarks)), len(files), len(set(groups)))
+
+
+def _compute_resting_length(device: Device) -> float:
+    """Return the length [m] of muscle and tendon of ``device`` at rest; 0 where it has no number for it."""
+    values = device.spec.collect_values()
+    return 1e-3 * (values.get("muscle.resting_length_mm", 0.0) + values.get("tendon.slack_length_mm", 0.0))
+
+
+def _recognize_files(folder: Path, resting_length: float) -> tuple[list[RecognizedFile], list[str]]:
+    """Return the files of ``folder`` that hold channels of the bench, and a remark for each other file."""
+    try:
+        paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in TRIAL_SUFFIXES and path.is_file())
+    except OSError as error:
+        raise InputError(f"the folder {folder} cannot be read: {error.strerror or error}") from None
+    endings = ", ".join(TRIAL_SUFFIXES)
+    if not paths:
+        raise InputError(f"the folder {folder} contains no recording; allowed are files that end in {endings}")
+    files, remarks = [], []
+    for path in paths:
+        try:
+            file = recognize_file(path, resting_length)
+        except InputError as error:
+            remarks.append(f"left out: {error}")
+            continue
+        if any(channel in file.choices for channel in get_measured_units("bench")):
+            files.append(file)
+        else:
+            columns = format_columns(file.unused) or "none"
+            remarks.append(
+                f"left out: {path.name}: no column was recognized as force, pressure or muscle length; its other "
+                f"columns are {columns}"
+            )
+    if not files:
+        raise InputError(f"no file of {folder} was recognized as a recording of the bench; {'; '.join(remarks)}")
+    return files, remarks
+
+
+def _replace_missing_command(files: list[RecognizedFile]) -> tuple[list[RecognizedFile], list[str]]:
+    """Let the measured pressure stand for the command where no file has a command; also return ``[noise]``."""
+    if any(_COMMAND in file.choices for file in files) or not all(_PRESSURE in file.choices for file in files):
+        return files, []
+    changed = []
+    for file in files:
+        choice = file.choices[_PRESSURE]
+        expression = choice.expression or format_column(choice.heading)
+        reason = "no command was recognized; the measured pressure stands for it"
+        choices = {name: each for name, each in file.choices.items() if name != _PRESSURE}
+        choices[_COMMAND] = replace(
+            choice, expression=expression, remark="; ".join(filter(None, (choice.remark, reason)))
+        )
+        samples = {name: each for name, each in file.samples.items() if name != _PRESSURE}
+        samples[_COMMAND] = file.samples[_PRESSURE]
+        changed.append(replace(file, choices=choices, samples=samples))
+    lines = ["", "[noise]", f'{_COMMAND} = "{ASSUMED_PRESSURE_NOISE}"  # assumed; state that of your gauge']
+    return changed, lines
+
+
+def _find_shared_choices(files: Sequence[RecognizedFile]) -> dict[str, ColumnChoice]:
+    """Return the commonest choice of each channel: those of ``[columns]``."""
+    counts: dict[str, Counter[ColumnChoice]] = {}
+    for file in files:
+        for channel, choice in file.choices.items():
+            counts.setdefault(channel, Counter())[choice] += 1
+    return {channel: counter.most_common(1)[0][0] for channel, counter in counts.items()}
+
+
+def _list_missing(files: Sequence[RecognizedFile]) -> dict[str, str]:
+    """Return time and prescribed channels that a file lacks, with a sentence about the files."""
+    missing = {}
+    for channel in ("time", *get_prescribed_units("bench")):
+        lacking = [file for file in files if channel not in file.choices]
+        if lacking:
+            others = f" and {len(lacking) - 1} more files" if len(lacking) > 1 else ""
+            columns = format_columns(lacking[0].unused)
+            missing[channel] = (
+                f"to do: no column of {lacking[0].path.name}{others} was recognized as {channel}; state it under "
+                f'[columns], for example {channel} = "{_EXAMPLES[channel]}"'
+                + (f"; columns that are not used: {columns}" if columns else "")
+            )
+    return missing
+
+
+def _format_columns(table: str, choices: Mapping[str, ColumnChoice], missing: Mapping[str, str]) -> list[str]:
+    """Return the lines of ``[columns]`` or ``[trial.columns]``; a channel that is ``missing`` becomes a comment."""
+    lines = []
+    for channel, choice in choices.items():
+        if choice.expression is not None:
+            lines += [f"# {channel}: {choice.remark}; check this"] if choice.remark else []
+            lines.append(f"{channel} = {json.dumps(choice.expression, ensure_ascii=False)}")
+    lines += [f'# {channel} = "{_EXAMPLES[channel]}"   # to do: no column was recognized' for channel in missing]
+    return [*([""] if table == "[columns]" else []), table, *lines] if lines else []
+
+
+def _name_groups(files: Sequence[RecognizedFile], groups: Sequence[int]) -> list[str]:
+    """Return the name of the group of each file; '' for a file without repeats."""
+    members: dict[int, list[str]] = {}
+    for file, group in zip(files, groups, strict=True):
+        members.setdefault(group, []).append(file.path.stem)
+    names: dict[int, str] = {}
+    for group, stems in members.items():
+        if len(stems) > 1:
+            name = _find_common_beginning(stems).rstrip("_-. ") or stems[0]
+            names[group] = name if name not in names.values() else f"{name}_{group + 1}"
+    return [names.get(group, "") for group in groups]
+
+
+def _find_common_beginning(texts: Sequence[str]) -> str:
+    n_common = next((k for k, letters in enumerate(zip(*texts, strict=False)) if len(set(letters)) > 1), None)
+    return min(texts, key=len)[:n_common]
+
+
+def _describe_choices(files: Sequence[RecognizedFile]) -> list[str]:
+    """Return a remark for each choice that assumes something, and for the columns that are not used."""
+    remarks = []
+    for file in files:
+        for channel, choice in file.choices.items():
+            if choice.remark:
+                remarks.append(f'check {channel} = "{choice.expression}": {choice.remark}')
+    unused = dict.fromkeys(heading for file in files for heading in file.unused)
+    if unused:
+        remarks.append(f"not used: the columns {format_columns([*unused])}")
+    return remarks
+
+
+def _describe_repeats(groups: Sequence[int]) -> list[str]:
+    if len(set(groups)) < len(groups):
+        return []
+    return ["no two files have equal inputs, so no repeats measure the noise; if some are repeats, give them one group"]

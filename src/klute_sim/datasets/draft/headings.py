@@ -1,0 +1,107 @@
+"""The channel of the bench that a column heading probably means, in the words and units of laboratories."""
+
+import re
+from typing import NamedTuple
+
+from klute_sim.datasets import unit_conversion
+from klute_sim.datasets.channels import get_column_units
+
+_SI_UNITS = get_column_units("bench")
+_BRACKETS = re.compile(r"(?P<name>.*?)\s*(\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(\([ag]\))?[^()]*)\))\s*")
+_SEPARATED = re.compile(r"(?P<name>.*?\S)(\s*/\s*|\s+in\s+|[\s_]+)(?P<unit>[^\W\d_]+)", re.IGNORECASE)
+"""``p / bar``, ``force in N``, ``pressure_bar``."""
+_TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+
+_GAUGE_UNITS = {"barg": "bar", "bar(g)": "bar", "psig": "psi", "psi(g)": "psi", "kpag": "kPa", "kpa(g)": "kPa"}
+"""Unit that says that the pressure is a gauge pressure -> unit."""
+_ABSOLUTE_UNITS = {"bara": "bar", "bar(a)": "bar", "psia": "psi", "psi(a)": "psi", "kpaa": "kPa", "kpa(a)": "kPa"}
+"""Unit that says that the pressure is absolute -> unit."""
+_WEIGHT_UNITS = {"kg": "kgf", "lb": "lbf", "lbs": "lbf"}
+"""Unit of a mass on a load cell -> unit of its weight."""
+
+_TIME = frozenset(("time", "t", "timestamp", "elapsed", "zeit", "temps", "tiempo"))
+_PRESSURE = frozenset(("pressure", "p", "press", "gauge", "druck", "pression", "presion"))
+_FORCE = frozenset(("force", "f", "load", "loadcell", "tension", "pull", "kraft", "fuerza"))
+_LENGTH = frozenset(
+    ("length", "l", "position", "pos", "x", "stroke", "crosshead", "displacement", "disp", "extension", "travel")
+) | frozenset(("elongation", "deflection", "contraction", "laenge", "weg", "longueur", "traverse"))
+_COMMAND = frozenset(
+    ("command", "commanded", "cmd", "set", "setpoint", "sp", "desired", "des", "target", "reference", "ref", "demand")
+) | frozenset(("soll", "consigne"))
+_MUSCLE = frozenset(("muscle", "pam", "mckibben"))
+_PROCESSED = frozenset(
+    ("filtered", "filt", "smoothed", "smooth", "lowpass", "lp", "mean", "avg", "std", "sd", "error", "rate", "raw")
+)
+"""Words of columns that come after others of the same channel."""
+_ABSOLUTE = frozenset(("abs", "absolute"))
+_SHORTENING = frozenset(("contraction", "shortening"))
+
+
+class HeadingMeaning(NamedTuple):
+    """What a heading probably means."""
+
+    channel: str
+    """Channel, or time."""
+    unit: str
+    """Unit that the heading states; '' without one."""
+    rank: int
+    """Order among the columns of one channel; the smallest comes first."""
+    is_absolute: bool = False
+    """Whether the heading says that the pressure is absolute."""
+    is_shortening: bool = False
+    """Whether the heading says that the length grows as the muscle shortens."""
+
+
+def interpret_heading(heading: str) -> HeadingMeaning | None:
+    """Return what ``heading`` probably means; None where neither its words nor its unit belong to a channel."""
+    name, stated_unit = _split_unit(heading)
+    tokens = {token.lower() for token in _TOKEN.findall(name)}
+    key = stated_unit.replace(" ", "").lower()
+    unit = _GAUGE_UNITS.get(key) or _ABSOLUTE_UNITS.get(key) or stated_unit
+    if key in _WEIGHT_UNITS and tokens & (_FORCE | {"weight", "cell"}):
+        unit = _WEIGHT_UNITS[key]
+    channel = _find_channel(name, tokens, unit)
+    if channel is None:
+        return None
+    rank = 0 if name.lower() == channel else 1 + 2 * len(tokens & _PROCESSED) + (not tokens & _get_words(channel))
+    is_absolute = channel in ("pressure", "pressure_command") and (key in _ABSOLUTE_UNITS or bool(tokens & _ABSOLUTE))
+    is_shortening = channel in ("length", "muscle_length") and bool(tokens & _SHORTENING)
+    return HeadingMeaning(channel, unit, rank, is_absolute, is_shortening)
+
+
+def _split_unit(heading: str) -> tuple[str, str]:
+    """Return name and unit of ``heading``; '' where no unit of a channel of the bench is stated."""
+    match = _BRACKETS.fullmatch(heading)
+    if match is not None:
+        return match["name"], (match["square"] or match["round"] or "").strip()
+    match = _SEPARATED.fullmatch(heading)
+    if match is not None and (_get_si_unit(match["unit"]) or match["unit"].lower() in _GAUGE_UNITS | _ABSOLUTE_UNITS):
+        return match["name"], match["unit"]
+    return heading, ""
+
+
+def _get_si_unit(unit: str) -> str | None:
+    return next((si for si in ("s", "m", "N", "Pa") if unit_conversion.get_si_factor(unit, si) is not None), None)
+
+
+def _find_channel(name: str, tokens: set[str], unit: str) -> str | None:
+    if name.lower() in _SI_UNITS:
+        return "length" if name.lower() == "unit_length" else name.lower()
+    si_unit = _get_si_unit(unit) if unit else None
+    if unit and si_unit is None:
+        return None  # volts, degrees, counts: a calibration is needed
+    is_command = bool(tokens & _COMMAND)
+    if si_unit == "s" or (si_unit is None and tokens & _TIME):
+        return "time" if tokens & _TIME or not tokens else None
+    if si_unit == "Pa" or (si_unit is None and tokens & _PRESSURE):
+        return "pressure_command" if is_command else "pressure"
+    if si_unit == "N" or (si_unit is None and tokens & _FORCE):
+        return None if is_command else "force"
+    if si_unit == "m" or (si_unit is None and tokens & _LENGTH):
+        return None if is_command else "muscle_length" if tokens & _MUSCLE else "length"
+    return "pressure_command" if is_command else None
+
+
+def _get_words(channel: str) -> frozenset[str]:
+    words = {"time": _TIME, "force": _FORCE, "pressure": _PRESSURE, "pressure_command": _COMMAND, "length": _LENGTH}
+    return words.get(channel, _MUSCLE)

@@ -1,0 +1,175 @@
+"""Draft of dataset.toml: meaning of headings, units, repeats, and what is left to the user."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import klute_sim as ks
+from klute_sim.datasets.draft.headings import interpret_heading
+from klute_sim.errors import InputError
+from tests.command_line import run
+
+DEVICE = "klute-3-4-pair"
+TIME = np.linspace(0.0, 4.0, 400)
+LENGTH = 340.0 - 10.0 * np.sin(2.0 * TIME) ** 2
+COMMAND = np.where(TIME < 1.0, 0.0, 3.0)
+FORCE = 100.0 * COMMAND
+
+
+def write(path: Path, headings: Sequence[str], columns: Sequence[np.ndarray]) -> None:
+    rows = [",".join(headings), *(",".join(f"{value:.9g}" for value in row) for row in zip(*columns, strict=True))]
+    path.write_text("\n".join(rows), "utf-8")
+
+
+@pytest.mark.parametrize(
+    ("heading", "channel", "unit"),
+    [
+        ("time [s]", "time", "s"),
+        ("t_ms", "time", "ms"),
+        ("Zeit in s", "time", "s"),
+        ("F/N", "force", "N"),
+        ("Load cell (kN)", "force", "kN"),
+        ("Load (kg)", "force", "kgf"),
+        ("p_bar", "pressure", "bar"),
+        ("p_set (kPa)", "pressure_command", "kPa"),
+        ("PressureCommand", "pressure_command", ""),
+        ("gauge (psig)", "pressure", "psi"),
+        ("unit_length [mm]", "length", "mm"),
+        ("Crosshead (in)", "length", "in"),
+        ("muscle length [mm]", "muscle_length", "mm"),
+        ("channel 3 [N]", "force", "N"),
+    ],
+)
+def test_words_and_units_name_a_channel(heading: str, channel: str, unit: str) -> None:
+    meaning = interpret_heading(heading)
+    assert meaning is not None
+    assert (meaning.channel, meaning.unit) == (channel, unit)
+
+
+@pytest.mark.parametrize("heading", ["AIN3 [V]", "angle [deg]", "note", "force setpoint [N]", "position cmd [mm]", ""])
+def test_other_columns_are_no_channel(heading: str) -> None:
+    assert interpret_heading(heading) is None
+
+
+@given(st.text(max_size=30))
+def test_any_heading_can_be_read(heading: str) -> None:
+    meaning = interpret_heading(heading)
+    assert meaning is None or meaning.channel
+
+
+def test_filtered_column_comes_after_the_measured_one() -> None:
+    filtered, measured = interpret_heading("Force filtered [N]"), interpret_heading("Force [N]")
+    assert filtered is not None
+    assert measured is not None
+    assert measured.rank < filtered.rank
+
+
+def test_draft_of_foreign_files_is_a_dataset(tmp_path: Path) -> None:
+    for name, scale in (("iso_a", 1.0), ("iso_b", 1.0), ("half", 0.5)):
+        columns = [1e3 * TIME, LENGTH / 10.0, scale * COMMAND, scale * FORCE / 1e3]
+        write(tmp_path / f"{name}.csv", ["t (ms)", "Crosshead (cm)", "P set (bar)", "Load cell (kN)"], columns)
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert (draft.n_trials, draft.n_groups, draft.remarks) == (3, 2, ())
+    dataset = ks.load_dataset(tmp_path)
+    assert [trial.group for trial in dataset.trials] == ["half", "iso", "iso"]
+    trial = dataset.trials[1]
+    assert trial.prescribed["length"].value == pytest.approx(LENGTH / 1e3)
+    assert trial.prescribed["pressure_command"].value == pytest.approx(COMMAND * 1e5)
+    assert trial.measured["force"].value == pytest.approx(FORCE)
+
+
+def test_absolute_pressure_becomes_a_gauge_pressure(tmp_path: Path) -> None:
+    columns = [TIME, LENGTH, COMMAND, COMMAND + 1.01325]
+    write(tmp_path / "a.csv", ["time [s]", "length [mm]", "pressure_command [bar]", "pressure [bara]"], columns)
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert "a standard atmosphere" in "".join(draft.remarks)
+    assert ks.load_dataset(tmp_path).trials[0].measured["pressure"].value == pytest.approx(COMMAND * 1e5, abs=1.0)
+
+
+def test_displacement_gets_the_resting_length_and_a_remark(tmp_path: Path) -> None:
+    columns = [TIME, LENGTH - 350.0, COMMAND, FORCE]
+    write(tmp_path / "a.csv", ["time [s]", "Displacement [mm]", "pressure_command [bar]", "force [N]"], columns)
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert any("displacement" in remark and "350 mm" in remark for remark in draft.remarks)
+    assert ks.load_dataset(tmp_path).trials[0].prescribed["length"].value == pytest.approx(LENGTH / 1e3)
+
+
+def test_missing_command_is_replaced_by_the_measured_pressure(tmp_path: Path) -> None:
+    write(
+        tmp_path / "a.csv", ["time [s]", "length [mm]", "pressure [bar]", "force [N]"], [TIME, LENGTH, COMMAND, FORCE]
+    )
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert any("stands for it" in remark for remark in draft.remarks)
+    trial = ks.load_dataset(tmp_path).trials[0]
+    assert "pressure" not in trial.measured
+    assert trial.input_noise["pressure_command"] == pytest.approx(2e3)
+
+
+def test_missing_length_is_left_to_the_user(tmp_path: Path) -> None:
+    write(tmp_path / "a.csv", ["time [s]", "AIN3 [V]", "p_set [bar]", "force [N]"], [TIME, TIME, COMMAND, FORCE])
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert any("length" in remark and "AIN3" in remark for remark in draft.remarks)
+    completed = draft.text.replace('# length = "340 [mm]"   # to do: no column was recognized', 'length = "340 [mm]"')
+    draft.path.write_text(completed, "utf-8")
+    assert ks.load_dataset(tmp_path).trials[0].prescribed["length"].value == pytest.approx(0.34)
+
+
+def test_a_file_with_other_headings_gets_its_own_columns(tmp_path: Path) -> None:
+    columns = [TIME, LENGTH, COMMAND, FORCE]
+    for name in "ab":
+        write(tmp_path / f"{name}.csv", ["time [s]", "length [mm]", "pressure_command [bar]", "force [N]"], columns)
+    write(tmp_path / "c.csv", ["t (s)", "pos (mm)", "cmd (bar)", "Force (N)"], columns)
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert draft.text.count("[trial.columns]") == 1
+    assert len(ks.load_dataset(tmp_path).trials) == 3
+
+
+def test_other_files_are_left_out_by_name(tmp_path: Path) -> None:
+    write(
+        tmp_path / "a.csv",
+        ["time [s]", "length [mm]", "pressure_command [bar]", "force [N]"],
+        [TIME, LENGTH, COMMAND, FORCE],
+    )
+    write(tmp_path / "room.csv", ["time [s]", "humidity [%]"], [TIME, TIME])
+    (tmp_path / "notes.txt").write_text("0 1 2\n3 4 5\n")
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert draft.n_trials == 1
+    left_out = [remark for remark in draft.remarks if remark.startswith("left out")]
+    assert len(left_out) == 2
+    assert "humidity" in "".join(left_out)
+
+
+def test_refusals_name_the_way_out(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"contains no device file; name the device with --device"):
+        ks.draft_dataset(tmp_path)
+    with pytest.raises(InputError, match=r"contains no recording; allowed are files that end in \.csv"):
+        ks.draft_dataset(tmp_path, DEVICE)
+    (tmp_path / "dataset.toml").write_text("")
+    with pytest.raises(InputError, match="exists already; remove it"):
+        ks.draft_dataset(tmp_path, DEVICE)
+
+
+def test_device_file_in_the_folder_is_used(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_bytes(ks.load_device(DEVICE).content)
+    write(
+        tmp_path / "a.csv",
+        ["time [s]", "length [mm]", "pressure_command [bar]", "force [N]"],
+        [TIME, LENGTH, COMMAND, FORCE],
+    )
+    assert 'device = "mine.toml"' in ks.draft_dataset(tmp_path).text
+
+
+def test_command_writes_the_draft_and_says_what_is_next(tmp_path: Path) -> None:
+    write(tmp_path / "a.csv", ["t (s)", "pos (mm)", "cmd", "Force (N)"], [TIME, LENGTH, COMMAND, FORCE])
+    result = run("diagnose", str(tmp_path), "--draft", "--device", DEVICE)
+    assert result.returncode == 0, result.stderr
+    assert "the file states no unit; bar is assumed" in result.stdout
+    assert f"klute-sim diagnose {tmp_path}" in result.stdout
+    assert (tmp_path / "dataset.toml").exists()
+    again = run("diagnose", str(tmp_path), "--draft", "--device", DEVICE)
+    assert again.returncode == 2
+    assert "exists already" in again.stderr
