@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
+
 from klute_sim.datasets.dataset import Dataset
 from klute_sim.datasets.split import Split
 from klute_sim.device.device import Device
@@ -22,6 +24,8 @@ from klute_sim.diagnosis.selection.robustness import EquivalentModel
 Verdict = Literal[
     "nothing-missing", "identified", "identified-in-part", "indistinguishable", "unexplained", "insufficient-data"
 ]
+MIN_INPUT_ERROR_SCALE = 1.5
+"""Smallest factor by which unknown inputs widen the error of a sample that the report mentions."""
 HeldOut = Literal["confirmed", "not-confirmed", "not-tested"]
 
 
@@ -120,6 +124,12 @@ class Diagnosis:
         """Trials of :attr:`channel_rms`."""
         diverged = {name for names in self.diverged_trials.values() for name in names}
         return [e for e in self.experiments if e.use == self.evaluated_on and e.measured and e.name not in diverged]
+
+    @property
+    def has_input_weights(self) -> bool:
+        """Whether samples of :attr:`channel_rms` count less where the logged inputs leave open what happened."""
+        scales = [scale for e in self.evaluated_experiments for scale in e.input_error_scale.values()]
+        return any(float(np.max(scale)) > MIN_INPUT_ERROR_SCALE for scale in scales)
 
     @property
     def recommended_fit(self) -> Fit:

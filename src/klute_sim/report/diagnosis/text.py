@@ -19,6 +19,8 @@ SIGNIFICANT_DIGITS = 4
 """Number of significant digits of a formatted number."""
 MAX_DECIMALS = 9
 """Maximum number of decimals of values that differ little from each other."""
+MAX_NOISE_RATIO = 1.1
+"""Largest ratio of a gap to the noise between repeats that is agreement."""
 QUANTITY_BY_UNIT = {"N": "force", "bar": "pressure"}
 """Unit of an equation residual -> its quantity."""
 PROPER_NAMES = {name.lower(): name for name in ("Bouc", "Coulomb", "Maxwell", "Stribeck", "Wen")}
@@ -177,7 +179,11 @@ def describe_equation_residuals(diagnosis: Diagnosis) -> str:
     The sentence is empty if none has, if none could be evaluated, or if an instrument has a fault: the residuals assume
     correct instruments.
     """
-    significant = select_significant_equations(diagnosis.equation_residuals)
+    significant = [
+        residual
+        for residual in select_significant_equations(diagnosis.equation_residuals)
+        if not (residual.name == "supply" and _reaches_noise(diagnosis, "pressure"))
+    ]
     if not significant or any(term.channel for term in diagnosis.added_terms):
         return ""
     clauses = []
@@ -193,6 +199,27 @@ def describe_equation_residuals(diagnosis: Diagnosis) -> str:
         if residual not in significant
     ]
     return f"If the instruments are correct, {'; '.join(clauses)}."
+
+
+def _reaches_noise(diagnosis: Diagnosis, channel: str) -> bool:
+    """Return whether the refitted device agrees in ``channel`` as well as repeats agree with each other."""
+    gap = diagnosis.channel_rms.get(channel)
+    return gap is not None and gap.noise_floor is not None and gap.refitted <= MAX_NOISE_RATIO * gap.noise_floor
+
+
+def format_effects_title(diagnosis: Diagnosis) -> str:
+    """Return the title of the table of effects and wrong numbers."""
+    is_number = [term.number is not None for term in diagnosis.added_terms]
+    if all(is_number):
+        return "Corrected numbers"
+    return "Added effects and corrected numbers" if any(is_number) else "Added effects"
+
+
+def describe_weights(diagnosis: Diagnosis) -> str:
+    """Return in one sentence why the gap is smaller than that of a figure; '' where all samples count equally."""
+    if not diagnosis.has_input_weights:
+        return ""
+    return "Samples count less where the logged inputs are too coarse to tell what happened; figures show them all."
 
 
 def _format_equation(equation: str) -> str:

@@ -106,8 +106,9 @@ def format_page(diagnosis: Diagnosis) -> str:
     paragraphs.append(
         stream.format_markdown_table(["channel", "unit", "nominal", "refitted", "with effects", "repeat noise"], rows)
     )
+    paragraphs += filter(None, [words.describe_weights(d)])
     if d.added_terms and d.final_fit is not None:
-        paragraphs.append("## Added effects")
+        paragraphs.append(f"## {words.format_effects_title(d)}")
         parameter_rows = []
         for parameter, value, interval in zip(
             d.final_fit.hypothesis.parameters, d.final_fit.values, d.confidence_intervals, strict=True
