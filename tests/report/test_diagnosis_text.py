@@ -1,9 +1,14 @@
 """Formatting of numbers, identifiers and sentences in reports of diagnoses."""
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.diagnosis.selection.equation_residuals import EquationResidual
 from klute_sim.report.diagnosis import text as words
 
 
@@ -47,3 +52,35 @@ def test_identifiers_in_sentences_are_humanized() -> None:
         "Braid hysteresis (Maxwell slip) fits 'muscle length'"
     )
     assert words.format_sentence("group 'my_sensor_gain_2' gets worse") == "Group 'my_sensor_gain_2' gets worse"
+
+
+def test_title_of_the_table_tells_effects_from_numbers(diagnosis: Diagnosis) -> None:
+    effect = diagnosis.added_terms[0]
+    number = EffectTerm("number_error", "value", number="muscle.bladder_radius_mm")
+    assert words.format_effects_title(diagnosis) == "Added effects"
+    assert words.format_effects_title(replace(diagnosis, added_terms=(number,))) == "Corrected numbers"
+    both = replace(diagnosis, added_terms=(effect, number))
+    assert words.format_effects_title(both) == "Added effects and corrected numbers"
+
+
+def test_weights_of_coarse_inputs_are_mentioned(diagnosis: Diagnosis) -> None:
+    assert words.describe_weights(diagnosis) == ""
+    coarse = [
+        replace(e, input_error_scale={"force": np.where(e.measured["force"].time < 0.5, 1.0, 3.0)})
+        for e in diagnosis.experiments
+    ]
+    assert "figures show them all" in words.describe_weights(replace(diagnosis, experiments=coarse))
+
+
+def test_supply_that_agrees_to_the_noise_lacks_nothing(diagnosis: Diagnosis) -> None:
+    residuals = [
+        EquationResidual("supply", 8e3, 50.0, 1e3),
+        EquationResidual("muscle, damper or tendon", 30.0, 50.0, 3.0),
+    ]
+    gap = diagnosis.channel_rms["pressure"]
+    agreeing = replace(diagnosis, equation_residuals=residuals)
+    deviating_gap = replace(gap, refitted=10.0 * (gap.noise_floor or 1.0))
+    deviating = replace(agreeing, channel_rms={**diagnosis.channel_rms, "pressure": deviating_gap})
+    assert "0.08 bar" not in words.describe_equation_residuals(agreeing)
+    assert "30 N" in words.describe_equation_residuals(agreeing)
+    assert "0.08 bar" in words.describe_equation_residuals(deviating)
