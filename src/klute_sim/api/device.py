@@ -6,6 +6,7 @@ from rich.table import Table
 
 from klute_sim.api.inputs import DeviceLike, to_device
 from klute_sim.api.rendering import Summary
+from klute_sim.device.outdated_sources import find_outdated_sources
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
 from klute_sim.units import BAR
@@ -52,13 +53,20 @@ def describe_device(device: DeviceLike, pressure_bar: float | None = None) -> di
         for point in device.spec.published
     ]
     sources, assumptions = device.spec.sources, device.spec.collect_assumptions()
+    outdated = find_outdated_sources(device.spec)
     return {
         "name": device.name,
         "description": device.spec.description,
         "numbers": [
-            {"key": key, "value": value, "source": sources.get(key), "assumed": key in assumptions}
+            {
+                "key": key,
+                "value": value,
+                "source": None if key in outdated else sources.get(key),
+                "assumed": key in assumptions,
+            }
             for key, value in device.spec.collect_values().items()
         ],
+        "outdated_sources": [{"key": key, "source_value": value} for key, value in outdated.items()],
         "pressure_bar": pressure_bar,
         "isometric_force": forces,
         "published": published,
@@ -71,8 +79,15 @@ def format_description(description: dict[str, Any]) -> Summary:
     numbers = Table("number", "value", "source")
     for row in description["numbers"]:
         source = row["source"] or "no source given"
-        numbers.add_row(row["key"], f"{row['value']:g}", source, style="yellow" if row["assumed"] else None)
+        is_uncertain = row["assumed"] or row["source"] is None
+        numbers.add_row(row["key"], f"{row['value']:g}", source, style="yellow" if is_uncertain else None)
     yield numbers
+    if description["outdated_sources"]:
+        changed = ", ".join(f"{row['key']} (for {row['source_value']:g})" for row in description["outdated_sources"])
+        yield (
+            f"The file gives sources of other values, copied from a preset: {changed}. Write there where the numbers "
+            "of this device are from, or 'assumed' and why."
+        )
     if not description["isometric_force"]:
         return
     forces = Table(title=f"Isometric force at {description['pressure_bar']:g} bar [N], model")
