@@ -197,6 +197,10 @@ def test_contact_events_are_interpolated() -> None:
         ("GRFz", "grf_z", None, 1),
         ("Plantarflexor moment", "ankle_moment", None, 1),
         ("Dorsiflexion", "ankle_angle", None, 1),
+        ("Hip", "hip_angle", None, 1),
+        ("R Knee [deg]", "knee_angle", "right", 1),
+        ("Ankle (degrees)", "ankle_angle", None, 1),
+        ("left ankle [Nm/kg]", "ankle_moment", "left", 1),
     ],
 )
 def test_channel_labels_are_recognised(label: str, channel: str, side: str | None, sign: int) -> None:
@@ -208,7 +212,7 @@ pelvis_tilt_moment hip_flexion_r_moment actuator_moment LeftKneeFlexionMoment su
 MedioLateralGRF grf_moment_x ground_reaction_point_x"""
 
 
-@pytest.mark.parametrize("label", OTHERS.split())
+@pytest.mark.parametrize("label", [*OTHERS.split(), "Hip [N*m/kg]", "Ankle [mm]"])
 def test_other_labels_are_ignored(label: str) -> None:
     assert channel_names.parse_channel_label(label) is None
 

@@ -42,7 +42,7 @@ def find_named_sides(trial: Sequence[SourceFile], options: ImportOptions) -> set
             roles = markers.identify_markers(source.markers, options.mapping, source.name)
             sides |= {side for side in SIDES if roles.select(side, "ankle") or roles.select(side, "shank")}
         for label in source.labels:
-            parsed = channel_names.parse_channel_label(channel_names.strip_unit(label))
+            parsed = channel_names.parse_channel_label(label)
             if parsed is not None and parsed.side is not None and parsed.channel in channel_names.ANGLE_CHANNELS:
                 sides.add(parsed.side)
     return sides | {side for side in SIDES if any(section == side for section, _ in options.mapping.channels)}

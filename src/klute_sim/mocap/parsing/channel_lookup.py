@@ -12,7 +12,7 @@ from klute_sim.files.lines import check_time_stamps
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_names, conventions
-from klute_sim.mocap.parsing.channel_names import Side, parse_channel_label, strip_unit
+from klute_sim.mocap.parsing.channel_names import Side, parse_channel_label
 from klute_sim.mocap.parsing.mapping import BODY_SECTION, PROSTHESIS_SECTION, ColumnSpec
 from klute_sim.mocap.parsing.sources import OPENSIM_STORAGE, SourceFile
 from klute_sim.types import Array
@@ -86,7 +86,7 @@ def find_column(trial: Sequence[SourceFile], channel: str, side: Side | None, op
         raise InputError(f"{trial[0].path}: column '{spec.column}' of the channel {channel} is missing")
     for source in trial:
         for label in source.labels:
-            parsed = parse_channel_label(strip_unit(label))
+            parsed = parse_channel_label(label)
             if parsed is None or parsed.channel != channel:
                 continue
             side_assumed = parsed.side is None and side == (options.side or "right")
@@ -159,7 +159,7 @@ def _select_unit_evidence(source: SourceFile, channel: str, values: Array) -> Ar
     """Return the samples whose magnitude shows the unit: all axes of a ground reaction, as lateral loads are small."""
     if not channel.startswith("grf"):
         return values
-    parsed_labels = {label: parse_channel_label(strip_unit(label)) for label in source.labels}
+    parsed_labels = {label: parse_channel_label(label) for label in source.labels}
     axes = [
         source.get_column(label)
         for label, parsed in parsed_labels.items()

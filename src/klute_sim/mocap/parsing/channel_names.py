@@ -116,7 +116,8 @@ def strip_unit(label: str) -> str:
 
 
 def parse_channel_label(label: str) -> ChannelLabel | None:
-    """Return the channel that ``label`` (without unit) names; None if it names none."""
+    """Return the channel that ``label``, with or without a unit, names; None if it names none."""
+    label, unit = split_unit(label)
     if label in POSITION_CHANNELS:  # exact names only: similar names of other programs use other axes
         return ChannelLabel(label, None, 1)
     spaced_label = _GRF_PATTERN.sub(" grf ", label)  # one word also in vGRF and GRFz
@@ -129,6 +130,7 @@ def parse_channel_label(label: str) -> ChannelLabel | None:
         return None
     side = next((_SIDE_TOKENS[token] for token in ordered_tokens if token in _SIDE_TOKENS), None)
     channel, sign = _match_leg_channel(tokens)
+    channel = channel or _match_joint(tokens - _SIDE_TOKENS.keys(), unit)
     return ChannelLabel(channel, side, sign) if channel else None
 
 
@@ -143,6 +145,15 @@ def _match_prosthesis_channel(tokens: set[str]) -> str:
         MUSCLE_FORCE: [{"force"}, {"tension"}, {"load", "cell"}],
     }
     return next((channel for channel, alternatives in exact.items() if relevant in alternatives), "")
+
+
+def _match_joint(tokens: set[str], unit: str) -> str:
+    """Return the channel of a label that names a joint and nothing else, whose ``unit`` says what of it; or ''."""
+    joint = next((joint for joint in ("hip", "knee", "ankle") if tokens == {joint}), "")
+    unit = _BRACKET_UNITS.get(unit.replace(" ", "").lower(), unit)
+    if joint == "ankle" and unit.startswith("N*m"):
+        return ANKLE_MOMENT
+    return f"{joint}_angle" if joint and unit in ("", "deg", "rad") else ""
 
 
 def _match_leg_channel(tokens: set[str]) -> tuple[str, int]:

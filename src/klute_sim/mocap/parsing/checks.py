@@ -38,7 +38,7 @@ def _select_columns(source: SourceFile) -> dict[str, str]:
     """Return label -> channel of the recognised columns; the channel of an OpenSim force plate is ``plate``."""
     channels = {}
     for label in source.labels:
-        parsed = channel_names.parse_channel_label(channel_names.strip_unit(label))
+        parsed = channel_names.parse_channel_label(label)
         plate = channel_names.parse_plate_label(label)
         if parsed is not None:
             channels[label] = parsed.channel
@@ -69,7 +69,7 @@ def _collect_forces(source: SourceFile, columns: Mapping[str, str]) -> dict[str,
         if plate is not None and plate.quantity == "force":
             groups.setdefault(f"plate {plate.plate}", []).append(label)
         elif channel.startswith("grf"):
-            parsed = channel_names.parse_channel_label(channel_names.strip_unit(label))
+            parsed = channel_names.parse_channel_label(label)
             groups.setdefault(str(parsed and parsed.side), []).append(label)
     forces = {}
     for group, labels in groups.items():

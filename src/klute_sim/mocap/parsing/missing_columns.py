@@ -64,7 +64,7 @@ def describe_unused_columns(files: Sequence[SourceFile], mapping: ImportMapping)
         if label not in assigned
         and label != source.time_label
         and strip_unit(label).lower() not in channel_names.EVENT_LABELS
-        and parse_channel_label(strip_unit(label)) is None
+        and parse_channel_label(label) is None
         and parse_plate_label(label) is None
     ]
     if not labels:

@@ -92,7 +92,7 @@ class SourceFile:
         roles: set[FileRole] = {"angles"} if mapping.get_column_names(prosthesis=False) & {*self.labels} else set()
         roles |= {"log"} if mapping.get_column_names(prosthesis=True) & {*self.labels} else set()
         for label in self.labels:
-            parsed = channel_names.parse_channel_label(strip_unit(label))
+            parsed = channel_names.parse_channel_label(label)
             if parsed is not None and parsed.channel in channel_names.PROSTHESIS_CHANNELS:
                 roles.add("log")
             elif parsed is not None and parsed.channel in channel_names.ANGLE_CHANNELS:
