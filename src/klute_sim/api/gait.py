@@ -154,7 +154,7 @@ def simulate_gait(
     spring_foot: float | None = None,
     foot: str | None = None,
     alignment: float | None = None,
-    learning_strides: int = 15,
+    learning_strides: int = 40,
     hip_path: "GaitRun | str | Path | None" = None,
     backend: str = "auto",
     progress: ProgressCallback | None = None,

@@ -47,7 +47,7 @@ class AngleOrAuto(click.ParamType[float | None]):
 @click.option(
     "--learning-strides",
     type=click.IntRange(0, 100),
-    default=15,
+    default=40,
     show_default=True,
     metavar="N",
     help="Largest number of strides in which the rig learns the path of the hip before the run, until the foot carries "

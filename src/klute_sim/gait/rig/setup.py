@@ -56,7 +56,7 @@ class GaitOptions:
     """Angle [rad] by which the prosthesis is turned against the limb, dorsiflexion positive. None: that of the
     device file; without one, the foot that hangs in late swing has the pitch of the foot of the reference at heel
     strike."""
-    learning_strides: int = 15
+    learning_strides: int = 40
     """Largest number of strides in which the rig learns the path of the hip before the run; 0: the planned path."""
     hip_path: HipPath | None = None
     """Path of the hip that was learned before; None: it is learned with the device and the controller of the run."""

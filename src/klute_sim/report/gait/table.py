@@ -75,8 +75,8 @@ MAX_USUAL_ALIGNMENT_DEG = 5.0
 """Largest alignment [deg] without a remark."""
 MIN_LEDGER_ENERGY_J = 0.005
 """Smallest energy per stride [J] for which a ledger line is shown."""
-LEARNING_GROWTH = 8 / 3
-"""Proposed number of learning strides over one that was too small: 40 instead of 15 (assumed)."""
+LEARNING_GROWTH = 2.5
+"""Proposed number of learning strides over one that was too small: 100 instead of 40 (assumed)."""
 LEDGER_LABELS = {
     "gas": "energy from the gas",
     "friction": "energy from friction offset",
