@@ -15,7 +15,7 @@ from klute_sim.recording.recording import Recording
 from klute_sim.report.bench.table import TABLE_METRICS
 from klute_sim.viewer import chart, stream
 from klute_sim.viewer.layouts import gait
-from klute_sim.viewer.stream import GREEN, PALE_GREEN, PALETTE, SeriesLine
+from klute_sim.viewer.stream import COMMAND_COLOUR, GREEN, PALETTE, SeriesLine
 
 TIMELINE = "time"
 MAX_TRIAL_TABS = 8
@@ -32,7 +32,7 @@ ALL_TRIALS_ENTITY, METRICS_ENTITY = "all_trials", "metrics"
 TRIAL_PLOTS: tuple[gait.PlotSpec, ...] = (
     (
         "gauge pressure [bar]",
-        (("pressure_command", "commanded", PALE_GREEN), ("pressure", "delivered", GREEN)),
+        (("pressure_command", "commanded", COMMAND_COLOUR), ("pressure", "delivered", GREEN)),
     ),
     ("device forces [N]", gait.MOTION_PLOTS[4][1]),
     ("lengths [mm]", (("length", "unit", stream.RED), ("muscle_length", "muscle", stream.VIOLET))),

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.errors import InputError
 from klute_sim.report.diagnosis import text as words
@@ -109,18 +110,7 @@ def format_page(diagnosis: Diagnosis) -> str:
     paragraphs += filter(None, [words.describe_weights(d)])
     if d.added_terms and d.final_fit is not None:
         paragraphs.append(f"## {words.format_effects_title(d)}")
-        parameter_rows = []
-        for parameter, value, interval in zip(
-            d.final_fit.hypothesis.parameters, d.final_fit.values, d.confidence_intervals, strict=True
-        ):
-            if parameter.term_index is not None:
-                term = d.final_fit.hypothesis.terms[parameter.term_index]
-                name, unit = words.format_parameter_name(parameter, term.channel)
-                parameter_rows.append(
-                    [words.format_term(term), name, unit or "-", *words.format_interval(value, *interval)]
-                )
-        headings = ["effect", "parameter", "unit", "value", "95 % from", "to"]
-        paragraphs.append(stream.format_markdown_table(headings, parameter_rows))
+        paragraphs += _format_effects(d, d.final_fit)
     paragraphs.append("## Trials")
     for use in ("fit", "validation", "test"):
         names = [e.name for e in d.experiments if e.use == use]
@@ -189,3 +179,16 @@ def _build_trial_view(diagnosis: Diagnosis, simulated: SimulatedTrial, number: i
 
 def _list_channels(simulated: SimulatedTrial) -> list[str]:
     return [channel for channel, series in simulated.experiment.measured.items() if len(series.time)]
+
+
+def _format_effects(diagnosis: Diagnosis, final_fit: Fit) -> Iterator[str]:
+    """Yield a line for each parameter of the added effects, which wraps in a narrow panel as a table would not."""
+    parameters = zip(final_fit.hypothesis.parameters, final_fit.values, diagnosis.confidence_intervals, strict=True)
+    for parameter, value, interval in parameters:
+        if parameter.term_index is None:
+            continue
+        term = final_fit.hypothesis.terms[parameter.term_index]
+        name, unit = words.format_parameter_name(parameter, term.channel)
+        value_text, low, high = words.format_interval(value, *interval)
+        unit_text = f" {unit}" if unit else ""
+        yield f"- {words.format_term(term)}, {name}: {value_text}{unit_text} (95 %: {low} to {high})"

@@ -91,9 +91,10 @@ def build_maps(
 
 
 def _format_name(row: ResidualRow) -> str:
-    """Return the name of the trial, shortened; a star marks trials that were not fitted."""
-    name = row.experiment.name
-    short = name if len(name) <= MAX_NAME_LENGTH else f"{name[: MAX_NAME_LENGTH - 1]}…"
+    """Return the name of the trial, shortened in its middle: repeats often differ at the end; a star marks trials that
+    were not fitted."""
+    name, n_last = row.experiment.name, MAX_NAME_LENGTH // 2
+    short = name if len(name) <= MAX_NAME_LENGTH else f"{name[: MAX_NAME_LENGTH - n_last - 1]}…{name[-n_last:]}"
     return short if row.experiment.use == "fit" else f"{short} *"
 
 

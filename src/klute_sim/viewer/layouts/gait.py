@@ -28,6 +28,7 @@ from klute_sim.viewer import chart, gait_cycle, scene, stream
 from klute_sim.viewer.stream import (
     BLUE,
     BROWN,
+    COMMAND_COLOUR,
     DARK_ORANGE,
     GREEN,
     GREY,
@@ -46,7 +47,7 @@ TIMELINE = "time"
 
 PlotSeries = tuple[str, str, Colour]
 """Entity, name in the legend, and colour of a line."""
-THIN_LINE_COLOURS = (ORANGE, DARK_ORANGE, PALE_ORANGE, PALE_GREEN)
+THIN_LINE_COLOURS = (ORANGE, DARK_ORANGE, PALE_ORANGE, PALE_GREEN, COMMAND_COLOUR)
 """Colours of thin lines, with which others are compared.
 
 The viewer draws in the order of the entities' names, which puts these lines on top.
@@ -79,7 +80,7 @@ MOTION_PLOTS: tuple[PlotSpec, ...] = (
     (
         "gauge pressure [bar]",
         (
-            ("channels/pressure_command", "commanded", PALE_GREEN),
+            ("channels/pressure_command", "commanded", COMMAND_COLOUR),
             ("channels/pressure", "delivered", GREEN),
         ),
     ),

@@ -17,7 +17,7 @@ from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 from klute_sim.viewer import scene, stream
-from klute_sim.viewer.stream import BLUE, GREEN, ORANGE, PALE_GREEN, RED, VIOLET, Colour, SeriesLine, Span
+from klute_sim.viewer.stream import BLUE, COMMAND_COLOUR, GREEN, ORANGE, RED, VIOLET, Colour, SeriesLine, Span
 from klute_sim.walker.person.body import SIDES, load_body
 from klute_sim.walker.person.build import Ground, Prosthesis, build_walker_model
 
@@ -132,7 +132,7 @@ def build_plots(recording: Recording) -> dict[str, list[tuple[str, str, Colour]]
     ]
     if "pressure_command" in recording:
         plots["gauge pressure [bar]"] = [
-            ("pressure_command", "commanded", PALE_GREEN),
+            ("pressure_command", "commanded", COMMAND_COLOUR),
             ("pressure", "delivered", GREEN),
         ]
         plots["device moment [N·m], plantarflexor up"] = [("device_moment", "device", RED)]
