@@ -7,7 +7,7 @@ import numpy as np
 
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import Residuals
@@ -24,6 +24,8 @@ MIN_SHARE_FRACTION = 0.5
 MAX_UNSEEN_MISFIT = 1.0
 """Largest misfit of the test trials, over the noise, with which nothing is missing (assumed: other trials may show a
 quarter of the noise, and test trials may go where those have not been)."""
+DEMOTED_VERDICTS: Mapping[Verdict, Verdict] = {"nothing-missing": "unexplained", "identified": "identified-in-part"}
+"""Verdict that denies a misfit of the test trials -> verdict that does not."""
 NOMINAL_MODEL, BASE_MODEL, FINAL_MODEL = "the declared numbers", "the refitted numbers", "the added effects"
 """Models that are evaluated."""
 NEGLIGIBLE_GAP = 0.15
@@ -35,12 +37,15 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
 
     A complete model must take most of the gap beyond noise. A model of an imperfect law must take at least half of the
     share there that it takes of the trials that were left out. Nothing is missing, and a model is complete, only if the
-    repeats of test trials share no large misfit. Where the simulation of a test trial diverges, the prediction of this
-    trial failed. ``data`` hold the fitted trials with the noise between repeats.
+    repeats of test trials share no large misfit, or none once the numbers are fitted to these trials as well. Where the
+    simulation of a test trial diverges, the prediction of this trial failed. ``data`` hold the fitted trials with the
+    noise between repeats.
     """
     evaluated, residuals = _compute_residuals(diagnosis, data)
     if diagnosis.evaluated_on == "test":
-        judge_misfit(diagnosis, estimate_misfit(evaluated.experiments, residuals, data.noise))
+        misfits = _select_unseen(diagnosis, estimate_misfit(evaluated.experiments, residuals, data.noise))
+        if misfits and diagnosis.verdict in DEMOTED_VERDICTS:
+            judge_misfit(diagnosis, misfits, is_absorbed=do_numbers_absorb(diagnosis, data, evaluated.experiments))
         if diagnosis.added_terms:
             judge_names(diagnosis)
     judge_divergence(diagnosis)
@@ -72,25 +77,49 @@ def judge_divergence(diagnosis: Diagnosis) -> None:
             diagnosis.is_worse_on_test = True
 
 
-def judge_misfit(diagnosis: Diagnosis, misfits: Mapping[str, Misfit]) -> None:
-    """Demote a verdict that leaves a misfit on the test trials which it denies."""
-    misfits = {
+def _select_unseen(diagnosis: Diagnosis, misfits: Mapping[str, Misfit]) -> dict[str, Misfit]:
+    """Return the misfits of the test trials that are too large for a model which explains the other trials."""
+    return {
         channel: misfit
         for channel, misfit in misfits.items()
         if is_significant(misfit)
         and misfit.rms > MAX_UNSEEN_MISFIT * misfit.noise_rms
         and misfit.rms > diagnosis.dataset.tolerance.get(channel, 0.0)
     }
-    demoted: dict[Verdict, Verdict] = {"nothing-missing": "unexplained", "identified": "identified-in-part"}
-    if not misfits or diagnosis.verdict not in demoted:
-        return
+
+
+def do_numbers_absorb(diagnosis: Diagnosis, data: WeightedData, test_experiments: Sequence[Experiment]) -> bool:
+    """Return whether the final model explains all trials to the noise once its numbers are fitted to all of them.
+
+    Then the fitted trials do not determine the numbers well enough for the test trials, and nothing speaks against the
+    model. ``data`` hold the fitted trials.
+    """
+    assert diagnosis.final_fit is not None
+    experiments = [*data.experiments, *test_experiments]
+    fit = fit_hypothesis(
+        data.with_experiments(experiments), diagnosis.final_fit.hypothesis, diagnosis.final_fit.x, fine=True
+    )
+    parts = (slice(len(data.experiments)), slice(len(data.experiments), None))
+    misfits = [estimate_misfit(experiments[part], fit.residuals[part], data.noise) for part in parts]
+    return not any(is_significant(misfit) for part in misfits for misfit in part.values())
+
+
+def judge_misfit(diagnosis: Diagnosis, misfits: Mapping[str, Misfit], *, is_absorbed: bool) -> None:
+    """Demote a verdict that denies the ``misfits`` of the test trials, unless the numbers absorb them."""
     channel = max(misfits, key=lambda name: misfits[name].rms / misfits[name].noise_rms)
-    diagnosis.verdict = demoted[diagnosis.verdict]
+    ratio = misfits[channel].rms / misfits[channel].noise_rms
+    observation = f"All repeats of '{channel}' in the test trials show a misfit of {ratio:.2f} times the noise"
+    if is_absorbed:
+        diagnosis.reasons.append(
+            f"{observation} with the fitted numbers, and none if the numbers are fitted to them as well: the other "
+            "trials do not determine the numbers well enough. Give such trials to the fit."
+        )
+        return
+    diagnosis.verdict = DEMOTED_VERDICTS[diagnosis.verdict]
     diagnosis.reasons.insert(
         0,
-        f"All repeats of '{channel}' in the test trials show a misfit of "
-        f"{misfits[channel].rms / misfits[channel].noise_rms:.2f} times the noise, which the other trials do not show: "
-        "the test may go where they have not been. Give such trials to the fit as well.",
+        f"{observation}, which the other trials do not show: the test may go where they have not been. Give such "
+        "trials to the fit as well.",
     )
 
 
