@@ -136,10 +136,11 @@ def test_other_files_are_left_out_by_name(tmp_path: Path) -> None:
     )
     write(tmp_path / "room.csv", ["time [s]", "humidity [%]"], [TIME, TIME])
     (tmp_path / "notes.txt").write_text("0 1 2\n3 4 5\n")
+    (tmp_path / "readme.txt").write_text("Recorded on the tester, gauge pressure, force in N\n")
     draft = ks.draft_dataset(tmp_path, DEVICE)
     assert draft.n_trials == 1
     left_out = [remark for remark in draft.remarks if remark.startswith("left out")]
-    assert len(left_out) == 2
+    assert len(left_out) == 3
     assert "humidity" in "".join(left_out)
 
 

@@ -11,6 +11,7 @@ from klute_sim.datasets.dataset import DATASET_FILE_NAME
 from klute_sim.datasets.draft.columns import ColumnChoice, RecognizedFile, format_column, recognize_file
 from klute_sim.datasets.draft.repeats import group_repeats
 from klute_sim.datasets.format import FORMAT_NAME
+from klute_sim.datasets.trial import MIN_SAMPLES
 from klute_sim.datasets.trial_files.column_assignment import format_columns
 from klute_sim.datasets.trial_files.sources import MAT_SUFFIXES, PARQUET_SUFFIXES
 from klute_sim.device.device import Device
@@ -112,13 +113,13 @@ def _recognize_files(folder: Path, resting_length: float) -> tuple[list[Recogniz
         except InputError as error:
             remarks.append(f"left out: {error}")
             continue
-        if any(channel in file.choices for channel in get_measured_units("bench")):
+        if any(len(file.samples.get(channel, ())) >= MIN_SAMPLES for channel in get_measured_units("bench")):
             files.append(file)
         else:
             columns = format_columns(file.unused) or "none"
             remarks.append(
-                f"left out: {path.name}: no column was recognized as force, pressure or muscle length; its other "
-                f"columns are {columns}"
+                f"left out: {path.name}: no column with {MIN_SAMPLES} samples was recognized as force, pressure or "
+                f"muscle length; its other columns are {columns}"
             )
     if not files:
         raise InputError(f"no file of {folder} was recognized as a recording of the bench; {'; '.join(remarks)}")

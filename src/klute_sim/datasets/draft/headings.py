@@ -6,6 +6,8 @@ from typing import NamedTuple
 from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import get_column_units
 
+MAX_HEADING_LENGTH = 60
+"""Length [letters] beyond which a text is a sentence and no heading."""
 _SI_UNITS = get_column_units("bench")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(\([ag]\))?[^()]*)\))\s*")
 _SEPARATED = re.compile(r"(?P<name>.*?\S)(\s*/\s*|\s+in\s+|[\s_]+)(?P<unit>[^\W\d_]+)", re.IGNORECASE)
@@ -54,6 +56,8 @@ class HeadingMeaning(NamedTuple):
 
 def interpret_heading(heading: str) -> HeadingMeaning | None:
     """Return what ``heading`` probably means; None where neither its words nor its unit belong to a channel."""
+    if len(heading) > MAX_HEADING_LENGTH:
+        return None
     name, stated_unit = _split_unit(heading)
     tokens = {token.lower() for token in _TOKEN.findall(name)}
     key = stated_unit.replace(" ", "").lower()
