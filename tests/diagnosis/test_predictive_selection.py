@@ -7,12 +7,14 @@ import pytest
 
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.final_model import FinalModel, doubt_absent_effect
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals, decide_verdict
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, estimate_noise_from_residuals
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle
+from klute_sim.diagnosis.result import Verdict
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_term_without_effect
 from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
     PredictiveModel,
@@ -195,6 +197,37 @@ def test_exponent_of_an_isothermal_change_is_no_obstacle_to_a_name() -> None:
         x = np.array([*fit.x[:-1], exponent.normalize(value)])
         assert find_naming_obstacle(data, replace(fit, x=x)) == obstacle
     assert "'recovery_s' at its bound" in find_naming_obstacle(data, make_fit(fit.hypothesis.terms, [0.0, 0.1]))
+    simulator.close()
+
+
+def test_effect_whose_interval_contains_its_absence_is_found() -> None:
+    fit = make_fit((FRICTION, GAIN), [1.0, 1.0])
+    assert find_term_without_effect(fit, [(5.0, 60.0), (0.97, 0.99)]) is None
+    assert find_term_without_effect(fit, [(5.0, 60.0), (0.97, 1.01)]) == (GAIN, 1.0)
+    assert find_term_without_effect(fit, [(0.0, 60.0), (0.97, 0.99)]) == (FRICTION, 0.0)
+    shaped = make_fit((EffectTerm("volume_coupling", "polytropic"),), [1.0, 0.0])  # the shape may explain it
+    assert find_term_without_effect(shaped, [(0.0, 0.1), (1.0, 1.4)]) is None
+
+
+@pytest.mark.parametrize(
+    ("verdict", "interval", "expected"),
+    [
+        ("identified", (0.97, 1.01), "unexplained"),
+        ("identified-in-part", (0.97, 1.01), "unexplained"),
+        ("identified", (0.97, 0.99), "identified"),
+        ("indistinguishable", (0.97, 1.01), "indistinguishable"),
+    ],
+)
+def test_effect_that_may_be_absent_is_not_identified(
+    verdict: Verdict, interval: tuple[float, float], expected: str
+) -> None:
+    fit, simulator = make_fit((GAIN,), [1.0]), Simulator(1)
+    data = WeightedData(simulator, make_repeats([np.linspace(0.0, 500.0, 100)] * 2), {})
+    selected = FinalModel(verdict, ["a reason"], data, make_fit(()), fit, [interval], [], [], has_converged=True)
+    doubted = doubt_absent_effect(selected)
+    assert doubted.verdict == expected
+    assert doubted.reasons[-1] == "a reason"
+    assert ("contains the value without effect, 1" in doubted.reasons[0]) == (expected != verdict)
     simulator.close()
 
 

@@ -16,6 +16,7 @@ from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, c
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.free_term import find_free_model
 from klute_sim.diagnosis.selection.imitation import find_better_free_model
+from klute_sim.diagnosis.selection.naming import find_term_without_effect
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.diagnosis.selection.robustness import (
@@ -289,3 +290,16 @@ def _decide_verdict(
 def _describe_proxies(final_fit: Fit) -> list[str]:
     proxies = " and ".join(str(term) for term in final_fit.hypothesis.terms if not term.effect_definition.data_driven)
     return [f"Only a proxy was identified: {proxies} explains a part of the misfit."] if proxies else []
+
+
+def doubt_absent_effect(selected: FinalModel) -> FinalModel:
+    """Return ``selected``, unexplained where the interval of a named effect contains its absence."""
+    found = find_term_without_effect(selected.final_fit, selected.confidence_intervals)
+    if found is None or selected.verdict not in ("identified", "identified-in-part"):
+        return selected
+    term, neutral = found
+    reason = (
+        f"The 95 % interval of {term} contains the value without effect, {neutral:.4g}: the trials disagree about it "
+        "by more than it is. More repeats, or larger motion and pressure steps, would tell."
+    )
+    return selected._replace(verdict="unexplained", reasons=[reason, *selected.reasons])

@@ -18,7 +18,13 @@ from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.final_model import FinalModel, select_complete_model, select_imperfect_model, select_proxies
+from klute_sim.diagnosis.final_model import (
+    FinalModel,
+    doubt_absent_effect,
+    select_complete_model,
+    select_imperfect_model,
+    select_proxies,
+)
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
@@ -125,6 +131,7 @@ def _run_workflow(
             selected = select_proxies(search, base_fit, final_fit, prediction[1], decision, options, progress)
     if selected is None:
         selected = select_complete_model(search, base_fit, final_fit, options, progress)
+    selected = doubt_absent_effect(selected)
     if quantizers and "quantisation" not in options.exclude:
         sentences = [_describe_quantization(c, q) for c, q in quantizers.items()]
         verdict = "identified" if selected.verdict == "nothing-missing" else selected.verdict

@@ -1,7 +1,7 @@
 """Obstacles to a name: a parameter at its bound, an implausible instrument, a delay below the sampling interval."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -61,6 +61,25 @@ def find_unresolved_delay(data: WeightedData, fit: Fit) -> EffectTerm | None:
 def find_terms_at_bound(fit: Fit) -> list[EffectTerm]:
     """Return the terms of ``fit`` that have a parameter at its bound, each once."""
     return list(dict.fromkeys(term for term, _, _ in _iterate_bounds_reached(fit)))
+
+
+def find_term_without_effect(fit: Fit, intervals: Sequence[tuple[float, float]]) -> tuple[EffectTerm, float] | None:
+    """Return a term of ``fit`` whose only parameter may be the value without effect, and this value.
+
+    ``intervals`` hold the 95 % interval of each parameter. They follow from the differences between repeats or
+    conditions, so they may contain that value although the fit is much better with the term. Returns None without such
+    a term.
+    """
+    for index, term in enumerate(fit.hypothesis.terms):
+        own = [
+            interval
+            for parameter, interval in zip(fit.hypothesis.parameters, intervals, strict=True)
+            if parameter.term_index == index
+        ]
+        neutral = term.parameters[0].neutral
+        if len(own) == 1 and neutral is not None and own[0][0] <= neutral <= own[0][1]:
+            return term, neutral
+    return None
 
 
 def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter, float]]:
