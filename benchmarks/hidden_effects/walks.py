@@ -172,11 +172,16 @@ def _write_trial_files(
 def measure_channels(
     recording: Recording, noise: Mapping[str, float], faults: Effects, rng: np.random.Generator
 ) -> dict[str, dict[str, np.ndarray]]:
-    """Return the columns of each file as the instruments report them."""
+    """Return the columns of each file as the instruments report them.
+
+    The ankle is where the limb with its liner puts it: markers on the socket see the liner of the rig, and not the
+    pistoning that an effect adds beyond the socket.
+    """
     thigh, shank = np.radians(recording["thigh_angle"]), np.radians(recording["shank_angle"])
+    shank_length = SEGMENT_LENGTH - recording["liner_displacement"]
     limb = {
-        "ankle_x": recording["carriage_x"] - SEGMENT_LENGTH * (np.sin(thigh) + np.sin(shank)),
-        "ankle_z": recording["carriage_z"] - SEGMENT_LENGTH * (np.cos(thigh) + np.cos(shank)),
+        "ankle_x": recording["carriage_x"] - SEGMENT_LENGTH * np.sin(thigh) - shank_length * np.sin(shank),
+        "ankle_z": recording["carriage_z"] - SEGMENT_LENGTH * np.cos(thigh) - shank_length * np.cos(shank),
     }
     files = {}
     for part, (interval, names) in FILE_CHANNELS.items():

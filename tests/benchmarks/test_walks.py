@@ -9,6 +9,7 @@ import pytest
 from benchmarks.hidden_effects import catalogue as benchmark
 from benchmarks.hidden_effects import plan, sizes, walk_models, walks
 
+from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.datasets import dataset as datasets
 from klute_sim.device.device import load_device
 from klute_sim.effects import catalogue
@@ -97,6 +98,29 @@ def test_dataset_is_readable_with_separate_ground_truth(tmp_path: Path, monkeypa
     assert other - one == pytest.approx(np.radians(offset), abs=1e-6)
     assert len({len(trial.prescribed["cop_x"].time) for trial in plain.trials}) == 2  # repeats differ in pace
     assert not list((tmp_path / "faulty").glob("*truth*"))
+
+
+@pytest.mark.parametrize("has_pistoning", [False, True])
+def test_computed_ankle_lacks_the_hidden_pistoning_only(has_pistoning: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(walks, "N_STRIDES", 1)
+    monkeypatch.setattr(walks, "TIME_STEP", 1e-3)  # quickly
+    compliance = 10.0
+    effect = {"name": "socket_pistoning", "form": "axial", "parameters": {"compliance_mm_per_kn": compliance}}
+    recording = walks._simulate_gait_trial(DEVICE, load_default_profile(), 1.2, [effect] if has_pistoning else [])
+    columns = walks.measure_channels(recording, dict.fromkeys(walks.CHANNEL_NOISE, 0.0), (), np.random.default_rng(0))
+    (part,) = (each for each in columns.values() if recording.format_heading("ankle_z") in each)
+    time = part["time [s]"]
+    deviation = 1e3 * (
+        np.interp(time, recording["time"], recording["ankle_z"]) - part[recording.format_heading("ankle_z")]
+    )
+    load = 1e-3 * np.interp(time, recording["time"], recording["grf_vertical"])
+    is_loaded = load > 0.3
+    if has_pistoning:  # along the pylon, which is inclined by up to 25 degrees under load
+        ratio = deviation[is_loaded] / (compliance * load[is_loaded])
+        assert ratio.min() > 0.6
+        assert ratio.max() < 1.1
+    else:
+        assert deviation == pytest.approx(0.0, abs=0.05)
 
 
 def test_gait_sizes_are_scaled_to_target() -> None:
