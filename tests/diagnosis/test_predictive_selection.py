@@ -213,7 +213,7 @@ def test_effect_whose_interval_contains_its_absence_is_found() -> None:
     ("verdict", "interval", "expected"),
     [
         ("identified", (0.97, 1.01), "unexplained"),
-        ("identified-in-part", (0.97, 1.01), "unexplained"),
+        ("identified-in-part", (0.97, 1.01), "identified-in-part"),
         ("identified", (0.97, 0.99), "identified"),
         ("indistinguishable", (0.97, 1.01), "indistinguishable"),
     ],

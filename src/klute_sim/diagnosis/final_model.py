@@ -293,13 +293,16 @@ def _describe_proxies(final_fit: Fit) -> list[str]:
 
 
 def doubt_absent_effect(selected: FinalModel) -> FinalModel:
-    """Return ``selected``, unexplained where the interval of a named effect contains its absence."""
+    """Return ``selected``, unexplained where the interval of an identified effect contains its absence.
+
+    With an imperfect law the intervals hold the scatter of the effect between conditions, and predictions decide.
+    """
     found = find_term_without_effect(selected.final_fit, selected.confidence_intervals)
-    if found is None or selected.verdict not in ("identified", "identified-in-part"):
+    if found is None or selected.verdict != "identified":
         return selected
     term, neutral = found
     reason = (
-        f"The 95 % interval of {term} contains the value without effect, {neutral:.4g}: the trials disagree about it "
+        f"The 95 % interval of {term} contains the value without effect, {neutral:.4g}: the repeats disagree about it "
         "by more than it is. More repeats, or larger motion and pressure steps, would tell."
     )
     return selected._replace(verdict="unexplained", reasons=[reason, *selected.reasons])
