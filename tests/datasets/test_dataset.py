@@ -317,8 +317,8 @@ def test_folder_without_dataset_is_refused(tmp_path: Path) -> None:
     )
     (tmp_path / "a.CSV").touch()
     assert (
-        "it has no file dataset.toml; write one that lists a.CSV and the other trial files (see docs/datasets.md)"
-        in load_error(tmp_path)
+        f"it has no file dataset.toml; 'klute-sim diagnose {tmp_path} --draft' writes one for a.CSV and the other "
+        "recordings (docs/datasets.md)" in load_error(tmp_path)
     )
     write_dataset(tmp_path)
     assert "is a file; give the folder with dataset.toml" in load_error(tmp_path / "dataset.toml")
@@ -327,6 +327,16 @@ def test_folder_without_dataset_is_refused(tmp_path: Path) -> None:
     (tmp_path / "dataset.toml").unlink()
     (tmp_path / "dataset.toml").mkdir()
     assert "cannot be read: Is a directory" in load_error(tmp_path)
+
+
+def test_remarks_that_files_share_are_one_sentence(tmp_path: Path) -> None:
+    write_dataset(tmp_path)
+    for path in tmp_path.glob("*.csv"):
+        path.write_text(f"a tester\n{path.read_text('utf-8')}", "utf-8")
+    remarks = load_dataset(tmp_path).remarks
+    shared = [remark for remark in remarks if "line 2 is read as the heading" in remark]
+    assert len(shared) == 1
+    assert f" and {len([*tmp_path.glob('*.csv')]) - 1} more: line 2" in shared[0]
 
 
 def test_impossible_split_is_refused_before_files_are_read(tmp_path: Path) -> None:

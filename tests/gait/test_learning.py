@@ -76,6 +76,18 @@ def test_learning_that_is_cut_short_says_so() -> None:
     )
 
 
+def test_stalled_learning_proposes_no_more_strides() -> None:
+    recording = simulate_gait(DEVICE, load_default_profile(), replace(OPTIONS, strides=1))
+    summary = summarize_gait_run(recording, compute_gait_metrics(recording))
+    stalled = {"learning_strides": 12, "max_learning_strides": 40, "has_converged": False}
+    remarks = " ".join(collect_remarks({**summary, "hip_path": {**summary["hip_path"], **stalled}}))
+    assert "NOT learned the path of the hip in 40 strides: on the best one, stride 12" in remarks
+    assert "more strides are unlikely to help" in remarks
+    late = {**stalled, "learning_strides": 39}
+    remarks = " ".join(collect_remarks({**summary, "hip_path": {**summary["hip_path"], **late}}))
+    assert "pass --learning-strides 100" in remarks
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

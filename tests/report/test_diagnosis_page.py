@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.provenance import collect_versions
@@ -173,6 +174,26 @@ def test_wrong_number_and_rejected_models_are_shown(diagnosis: Diagnosis) -> Non
     ]
     reason = "The squared error of prediction changes by -50 %; it is at its bound."
     assert ["braid hysteresis (Coulomb)", reason] in rows_of(html, "rejections")
+
+
+def test_fitted_candidate_that_a_later_step_only_screens_keeps_the_reason_of_its_fit(diagnosis: Diagnosis) -> None:
+    first = diagnosis.selection_history[0]
+    other = next(
+        fit.hypothesis.terms[-1] for fit in first.refits if fit.hypothesis.terms[-1] != diagnosis.added_terms[0]
+    )
+    screened = [candidate for candidate in first.candidates if candidate.term == other]
+    later = replace(first, added_term=None, refits=(), candidates=screened, rejections={})
+    steps = [replace(first, rejections={}), later, later]
+    reasons = {r.term: r.reason for r in list_rejections(replace(diagnosis, selection_history=steps))}
+    assert reasons[other].startswith("other candidates fit better: with it, BIC falls by")
+    assert reasons[other].count("; after that, the screening predicts") == 1
+
+
+def test_page_says_what_the_device_file_is_for(diagnosis: Diagnosis) -> None:
+    assert "device.toml in this folder holds the refitted numbers and the effects" in text_of(
+        page.render_page(diagnosis, {})
+    )
+    assert words.describe_next_step(insufficient(diagnosis)) == ""
 
 
 def test_next_experiment_is_recommended(diagnosis: Diagnosis, html: str) -> None:

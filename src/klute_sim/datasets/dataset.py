@@ -1,6 +1,7 @@
 """A dataset: a folder of measured trials, read and checked."""
 
 import hashlib
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
@@ -25,6 +26,7 @@ from klute_sim.files.reading import MissingFileError, read_bytes
 from klute_sim.plausibility.finding import Finding, require_accepted
 
 DATASET_FILE_NAME = "dataset.toml"
+_FILE_REMARK = re.compile(r"trial file (?P<file>.+?): (?P<text>.+)")
 MAX_LISTED_TRIALS = 5
 """Maximum number of trials that one remark lists."""
 
@@ -304,7 +306,20 @@ def _collect_remarks(trials: Sequence[Trial], file_remarks: Sequence[tuple[str, 
         remarks |= dict.fromkeys(trial_remarks)
         if missing:
             remarks[f"trial '{trial.name}' has no {' and no '.join(missing)}, which its repeats have"] = None
-    return list(remarks)
+    return _merge_file_remarks(list(remarks))
+
+
+def _merge_file_remarks(remarks: Sequence[str]) -> list[str]:
+    """Return ``remarks``, where several files with the same one share a sentence."""
+    files: dict[str, list[str]] = {}
+    for remark in remarks:
+        match = _FILE_REMARK.fullmatch(remark)
+        files.setdefault(match["text"] if match else remark, []).append(match["file"] if match else "")
+    merged = []
+    for text, names in files.items():
+        others = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        merged.append(f"trial file {names[0]}{others}: {text}" if names[0] else text)
+    return merged
 
 
 def _describe_scope(trials: Sequence[Trial], rig: RigName) -> list[str]:
@@ -334,7 +349,12 @@ def _read_content(folder: Path) -> bytes:
         if not folder.exists():
             raise InputError(f"folder {folder} does not exist; give a folder with a file {DATASET_FILE_NAME}") from None
         files = sorted(file.name for file in folder.glob("*") if file.suffix.lower() in (".csv", ".parquet", ".mat"))
-        fix = f"; write one that lists {files[0]} and the other trial files (see docs/datasets.md)" if files else ""
+        fix = (
+            f"; 'klute-sim diagnose {folder} --draft' writes one for {files[0]} and the other recordings "
+            "(docs/datasets.md)"
+            if files
+            else ""
+        )
         raise InputError(f"folder {folder} is not a dataset: it has no file {DATASET_FILE_NAME}{fix}") from None
 
 

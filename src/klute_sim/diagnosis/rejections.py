@@ -1,6 +1,6 @@
 """Candidate effects that a diagnosis rejected, each with the reason."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.result import Diagnosis
@@ -9,6 +9,8 @@ from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 
 Identity = tuple[str | None, ...]
 """Effect, channel and number of a term."""
+LATER = "; after that, "
+"""Words between the reason of the fit and that of the last screening."""
 
 
 @dataclass(frozen=True)
@@ -19,19 +21,25 @@ class Rejection:
     """The effect in its best form."""
     reason: str
     """Reason for the rejection, without a full stop."""
+    is_fitted: bool = True
+    """Whether the candidate was fitted; otherwise the screening alone judged it."""
 
 
 def list_rejections(diagnosis: Diagnosis) -> list[Rejection]:
     """Return every candidate that is not in the final model, the most promising first.
 
     A candidate has the reason of the last step of the selection in which it was considered, or of the selection by
-    prediction, which decides after it. Of several forms of an effect, the one counts that came furthest.
+    prediction, which decides after it. One that was fitted before, and that later steps only screened, has both
+    reasons. Of several forms of an effect, the one counts that came furthest.
     """
     added = {term.identity for term in diagnosis.added_terms}
     equivalent = {model.fit.hypothesis.terms[-1].identity for model in diagnosis.equivalent_models}
     rejections: dict[Identity, Rejection] = {}
     for step in diagnosis.selection_history:
         for key, rejection in _explain_step(step, diagnosis.n_independent).items():
+            earlier = rejections.get(key)
+            if earlier is not None and earlier.is_fitted and not rejection.is_fitted:
+                rejection = replace(earlier, reason=f"{earlier.reason.split(LATER)[0]}{LATER}{rejection.reason}")
             rejections[key] = rejection
         if step.added_term is not None:
             reason = "effects that were added later explain the same, so it was removed again"
@@ -61,7 +69,7 @@ def _explain_step(step: SelectionStep, n_independent: float) -> dict[Identity, R
             "the screening predicts too small an improvement: it would lower chi squared by "
             f"{max(candidate.predicted_gain, 0.0):.1f}"
         )
-        rejections.setdefault(candidate.term.identity, Rejection(candidate.term, reason))
+        rejections.setdefault(candidate.term.identity, Rejection(candidate.term, reason, is_fitted=False))
     return rejections
 
 

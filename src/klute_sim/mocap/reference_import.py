@@ -311,8 +311,8 @@ def _estimate_body_mass(
     elif abs(mass - options.mass) > MAX_MASS_DEVIATION * options.mass:
         log.add_warning(
             f"The given mass, {options.mass:g} kg, contradicts the impulse of the ground reaction, which supports "
-            f"{mass:.1f} kg ({feet}; {100 * (mass / options.mass - 1):+.1f} %): check the mass and the plates; the "
-            "given mass was used for values per kg"
+            f"{mass:.1f} kg ({feet}; {100 * (mass / options.mass - 1):+.1f} %): weigh the person, or leave out --mass "
+            "to use that of the plates; the given mass was used for values per kg"
         )
     else:
         log.add_derived(f"Mass check: the impulse of the ground reaction supports {mass:.1f} kg ({feet})")

@@ -71,6 +71,7 @@ def build_page_context(diagnosis: Diagnosis) -> dict[str, Any]:
         "improvement": words.describe_improvement(d),
         "reasons": [words.format_sentence(reason) for reason in d.reasons],
         "warnings": _collect_warnings(d),
+        "next_step": words.describe_next_step(d),
         "next_experiment": d.next_experiment["sentence"] if d.next_experiment else "",
         "direct_measurements": [measurement.to_dict()["sentence"] for measurement in d.direct_measurements],
         "effects_heading": _format_effects_heading(d),

@@ -222,6 +222,18 @@ def describe_weights(diagnosis: Diagnosis) -> str:
     return "Samples count less where the logged inputs are too coarse to tell what happened; figures show them all."
 
 
+def describe_next_step(diagnosis: Diagnosis) -> str:
+    """Return in one sentence what the device file of the diagnosis is for; '' if nothing was fitted."""
+    if diagnosis.fitted_device is None:
+        return ""
+    if diagnosis.dataset.rig == "mjcf":
+        return "Use: the files of the devices and of the model in this folder hold the fitted numbers and the effects."
+    content = (
+        "the refitted numbers and the effects" if diagnosis.recommended_fit.hypothesis.terms else "the refitted numbers"
+    )
+    return f"Use: device.toml in this folder holds {content}; 'klute-sim bench steps device.toml' simulates it."
+
+
 def _format_equation(equation: str) -> str:
     return equation if equation.startswith("muscle") else f"the {equation}"
 

@@ -77,6 +77,8 @@ MIN_LEDGER_ENERGY_J = 0.005
 """Smallest energy per stride [J] for which a ledger line is shown."""
 LEARNING_GROWTH = 2.5
 """Proposed number of learning strides over one that was too small: 100 instead of 40 (assumed)."""
+STALLED_FRACTION = 0.6
+"""Fraction of the learning strides before which the best one shows that learning has stalled (assumed)."""
 LEDGER_LABELS = {
     "gas": "energy from the gas",
     "friction": "energy from friction offset",
@@ -275,17 +277,15 @@ def _describe_learning(hip_path: Mapping[str, Any]) -> str:
             f"the rig learned the path of the hip in {hip_path['learning_strides']} strides, until the foot carried "
             f"the load of the reference ({errors}; aims {aims})"
         )
-    limit = hip_path["max_learning_strides"]
+    limit, best = hip_path["max_learning_strides"], hip_path["learning_strides"]
     more = min(round(LEARNING_GROWTH * limit), MAX_LEARNING_STRIDES)
-    advice = (
-        f"pass --learning-strides {more}"
-        if more > limit
-        else "that is the largest number; check the alignment (--align) and the reference"
-    )
+    if best > STALLED_FRACTION * limit and more > limit:
+        advice = f"pass --learning-strides {more}"
+    else:
+        advice = "more strides are unlikely to help, so loads and moments differ from the reference by that much"
     return (
-        f"the rig has NOT learned the path of the hip in {limit} strides: on the best one, stride "
-        f"{hip_path['learning_strides']}, the foot carries the load of the reference with {errors}; the aims are "
-        f"{aims}, and both must be reached; {advice}"
+        f"the rig has NOT learned the path of the hip in {limit} strides: on the best one, stride {best}, the foot "
+        f"carries the load of the reference with {errors}; the aims are {aims}, and both must be reached; {advice}"
     )
 
 
