@@ -178,9 +178,8 @@ def test_wrong_number_and_rejected_models_are_shown(diagnosis: Diagnosis) -> Non
 
 def test_fitted_candidate_that_a_later_step_only_screens_keeps_the_reason_of_its_fit(diagnosis: Diagnosis) -> None:
     first = diagnosis.selection_history[0]
-    other = next(
-        fit.hypothesis.terms[-1] for fit in first.refits if fit.hypothesis.terms[-1] != diagnosis.added_terms[0]
-    )
+    fitted = [fit.hypothesis.terms[-1] for fit in first.refits]
+    other = next(term for term in fitted if term.effect != diagnosis.added_terms[0].effect)
     screened = [candidate for candidate in first.candidates if candidate.term == other]
     later = replace(first, added_term=None, refits=(), candidates=screened, rejections={})
     steps = [replace(first, rejections={}), later, later]
