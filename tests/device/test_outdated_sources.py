@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from klute_sim.api.device import describe_device
 from klute_sim.device.device import list_presets, load_device
 from klute_sim.device.outdated_sources import find_outdated_sources
 from tests.command_line import run
@@ -38,3 +39,15 @@ def test_command_says_which_sources_are_those_of_other_values(tmp_path: Path) ->
     assert result.returncode == 0, result.stderr
     assert "muscle.friction_slope_n_per_bar (for 28)" in result.stdout
     assert "no source given" in result.stdout
+    assert "Isometric force of 2 muscles" in result.stdout
+
+
+def test_published_forces_of_another_muscle_are_not_compared(tmp_path: Path) -> None:
+    assert describe_device("klute-3-4")["published"]
+    changed = load_device("klute-3-4").with_changes({"muscle.bladder_thickness_mm": 1.5})
+    path = tmp_path / "mine.toml"
+    path.write_bytes(
+        load_device("klute-3-4").content.replace(b"bladder_thickness_mm = 1.6", b"bladder_thickness_mm = 1.5")
+    )
+    assert load_device(path).spec.collect_values() == changed.spec.collect_values()
+    assert describe_device(path)["published"] == []

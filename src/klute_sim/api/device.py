@@ -20,6 +20,8 @@ DEFAULT_PRESSURE_BAR = 5.0
 def describe_device(device: DeviceLike, pressure_bar: float | None = None) -> dict[str, Any]:
     """Return the numbers, the isometric forces and the published measurements of ``device`` in JSON types.
 
+    Measurements of the muscle of a preset are left out where a number of the muscle was changed in a copy.
+
     ``pressure_bar`` is the gauge pressure of the force table [bar]; None: 5, or the supply pressure if it is lower. A
     device without a muscle has no such table.
 
@@ -42,6 +44,8 @@ def describe_device(device: DeviceLike, pressure_bar: float | None = None) -> di
         forces.append(
             {"ratio": ratio, "geometric_n": geometric, "bladder_n": with_bladder, "friction_n": with_friction}
         )
+    outdated = find_outdated_sources(device.spec)
+    is_other_muscle = any(key.startswith("muscle.") for key in outdated)
     published = [
         {
             "ratio": point.muscle_ratio,
@@ -50,10 +54,9 @@ def describe_device(device: DeviceLike, pressure_bar: float | None = None) -> di
             "model_n": mckibben.force(muscle, point.pressure_bar * BAR, point.muscle_ratio * muscle.resting_length),
             "note": point.note,
         }
-        for point in device.spec.published
+        for point in ([] if is_other_muscle else device.spec.published)
     ]
     sources, assumptions = device.spec.sources, device.spec.collect_assumptions()
-    outdated = find_outdated_sources(device.spec)
     return {
         "name": device.name,
         "description": device.spec.description,
@@ -66,6 +69,7 @@ def describe_device(device: DeviceLike, pressure_bar: float | None = None) -> di
             }
             for key, value in device.spec.collect_values().items()
         ],
+        "n_muscles": device.spec.muscle.count if device.spec.muscle is not None else 0,
         "outdated_sources": [{"key": key, "source_value": value} for key, value in outdated.items()],
         "pressure_bar": pressure_bar,
         "isometric_force": forces,
@@ -90,7 +94,8 @@ def format_description(description: dict[str, Any]) -> Summary:
         )
     if not description["isometric_force"]:
         return
-    forces = Table(title=f"Isometric force at {description['pressure_bar']:g} bar [N], model")
+    muscles = f" of {description['n_muscles']} muscles" if description["n_muscles"] > 1 else ""
+    forces = Table(title=f"Isometric force{muscles} at {description['pressure_bar']:g} bar [N], model")
     for title in ("length / resting length", "geometric", "with bladder", "with friction"):
         forces.add_column(title, justify="right")
     for row in description["isometric_force"]:
