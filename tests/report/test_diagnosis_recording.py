@@ -95,7 +95,7 @@ def test_page_shows_verdict_and_use_of_trials(diagnosis: Diagnosis) -> None:
 def test_work_loop_of_a_trial_is_force_over_length(diagnosis: Diagnosis) -> None:
     trial = traces.simulate_shown_trials(diagnosis)[0]
     (chart,) = recording.build_loop_charts(diagnosis, trial, 1)
-    measured, before, after = chart.curves
+    before, after, measured = chart.curves
     assert np.array_equal(measured.y, trial.experiment.measured["force"].value)
     assert np.array_equal(before.y, trial.before["force"])
     assert np.array_equal(after.y, trial.after["force"])

@@ -15,6 +15,8 @@ MISSING_VALUE_COLOUR = np.array([45, 45, 45])
 """Colour of cells without a value, RGB."""
 PIXELS_PER_UNIT = 4
 """Number of pixels per unit of the plane, which makes the edges of cells sharp."""
+MIN_KEY_LIGHTNESS = 120
+"""Smallest red, green and blue of a number in the colour key, which is dark text on black otherwise."""
 LABEL_WIDTH = 60.0
 """Width of the margin for the names of the rows."""
 
@@ -78,8 +80,9 @@ def log_heatmap(stream: Any, heatmap: Heatmap) -> None:
     ]
     key_labels = [f"{value:.3g}{' or more' * (k == len(COLOUR_SCALE) - 1)}" for k, value in enumerate(steps)]
     key_colours = [
-        (max(90, int(r)), max(90, int(g)), int(b)) for r, g, b in COLOUR_SCALE
-    ]  # dark text is invisible on black
+        (max(MIN_KEY_LIGHTNESS, int(r)), max(MIN_KEY_LIGHTNESS, int(g)), max(MIN_KEY_LIGHTNESS, int(b)))
+        for r, g, b in COLOUR_SCALE
+    ]
     chart.log_labels(stream, f"{heatmap.entity}/key", positions, key_labels, key_colours)
 
 

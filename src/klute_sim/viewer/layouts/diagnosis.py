@@ -78,11 +78,12 @@ def build_loop_charts(diagnosis: Diagnosis, simulated: SimulatedTrial, number: i
     experiment, prescribed = simulated.experiment, simulated.experiment.prescribed_input
     grid = experiment.start_time + experiment.dt * np.arange(1, len(prescribed.values) + 1)
     length = np.interp(experiment.measured["force"].time, grid, prescribed.values) / prescribed.si_factor
-    curves = [chart.ChartCurve("measured", GREY, length, experiment.measured["force"].value, thin=True)]
-    curves += [
+    curves = [
         chart.ChartCurve(name, CASE_COLOURS[entity], length, values["force"])
         for entity, name, values in _list_cases(diagnosis, simulated)
     ]
+    # Last, so that the thin measured curve lies on the simulated ones.
+    curves.append(chart.ChartCurve("measured", GREY, length, experiment.measured["force"].value, thin=True))
     return [chart.Chart(f"trial_{number}/loop", prescribed.label, "force [N]", tuple(curves))]
 
 

@@ -69,7 +69,7 @@ def build_maps(
         }
         scale_max = compute_common_max(list(case_values.values()), MIN_SCALE_MAX_SD)
         names = tuple(map(_format_name, rows))
-        x_label = "gait cycle [%]" if is_gait else "time from the start of the trial [s]"
+        x_label = "gait cycle [%]" if is_gait else "time in the trial [s]"
         yield (
             words.humanize_identifier(channel),
             [
@@ -82,7 +82,7 @@ def build_maps(
                         names,
                         values,
                         scale_max,
-                        "sd of the noise; *: test trial",
+                        "sd of the noise; rows: fit, test (*)",
                     ),
                 )
                 for case, values in case_values.items()
