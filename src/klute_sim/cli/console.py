@@ -3,6 +3,7 @@
 import os
 import sys
 import textwrap
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -17,6 +18,8 @@ from klute_sim.errors import make_printable
 
 NON_TERMINAL_WIDTH_CHARS = 110
 """Width of tables where no terminal sets it [characters]."""
+LOG_INTERVAL_S = 30.0
+"""Time between two lines of progress in a log [s]; shorter commands write none."""
 
 
 class _Console(Console):
@@ -77,10 +80,33 @@ class ProgressBar(Protocol):
         """Show the completed ``fraction`` and the current ``stage``."""
 
 
+class ProgressLog:
+    """A progress callback for a file in place of a terminal: one line for every :data:`LOG_INTERVAL_S`."""
+
+    def __init__(self) -> None:
+        """Begin to count the time."""
+        self._start = self._last = time.monotonic()
+
+    def __call__(self, fraction: float, stage: str, /) -> None:
+        """Print the time since the start and the ``stage``, unless the last line is younger than the interval."""
+        now = time.monotonic()
+        if now - self._last >= LOG_INTERVAL_S:
+            self._last = now
+            stderr_console().print(f"{now - self._start:.0f} s: {stage}", soft_wrap=True)
+
+
 @contextmanager
 def progress_bar(description: str) -> Iterator[ProgressBar]:
-    """Yield a progress callback that draws a bar on stderr if that is a terminal; the bar disappears at the end."""
-    with Progress(console=stderr_console(), transient=True, disable=not stderr_console().is_terminal) as progress:
+    """Yield a progress callback that draws a bar on a terminal, which disappears at the end, or writes a log."""
+    if not stderr_console().is_terminal:
+        log = ProgressLog()
+
+        def write(fraction: float, stage: str = description, /) -> None:
+            log(fraction, f"{stage}, {100.0 * fraction:.0f} %")
+
+        yield write
+        return
+    with Progress(console=stderr_console(), transient=True) as progress:
         task = progress.add_task(description, total=1.0)
 
         def update(fraction: float, stage: str = description, /) -> None:

@@ -192,11 +192,11 @@ def _write_draft(folder: Path, device_name: str | None, *, is_alone: bool) -> No
 
 @contextmanager
 def _show_status() -> "Iterator[ProgressCallback]":
-    """Yield a progress callback that shows the current stage on a terminal."""
-    from klute_sim.cli.console import stderr_console
+    """Yield a progress callback that shows the current stage on a terminal, or logs it."""
+    from klute_sim.cli.console import ProgressLog, stderr_console
 
     if not stderr_console().is_terminal:
-        yield lambda fraction, stage: None
+        yield ProgressLog()
         return
     with stderr_console().status("reading") as status:
         yield lambda fraction, stage: status.update(stage)
