@@ -1,5 +1,6 @@
 """``klute_sim/AntagonistJoint-v0``: tables of the documentation, physics of the joint, and the PID baseline."""
 
+import copy
 import re
 
 import gymnasium
@@ -102,3 +103,107 @@ def test_tendons_may_have_different_devices() -> None:
 def test_invalid_options_are_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         AntagonistJointEnv(**options)  # type: ignore[arg-type]
+
+
+RANGES = {
+    "load_kg": (0.5, 2.0),
+    "device": {"muscle.c10_kpa": 0.2, "tendon.stiffness_1_n_per_mm": 0.2},
+    "effects": {"pressure_lag": {"time_constant_s": (0.0, 0.05)}},
+}
+
+
+def roll_out(env: gymnasium.Env, seed: int, n_steps: int = 20) -> tuple[dict[str, float], np.ndarray]:
+    observation, info = env.reset(seed=seed)
+    observations = [observation]
+    for _ in range(n_steps):
+        observation, *_ = env.step(np.array([0.3, -0.2], dtype=np.float32))
+        observations.append(observation)
+    return info, np.array(observations)
+
+
+def test_each_episode_draws_load_and_both_devices() -> None:
+    env = AntagonistJointEnv(duration=1.0, domain_randomization=RANGES)
+    drawn = [roll_out(env, seed, 0)[0] for seed in range(12)]
+    assert {info["load_kg"] for info in drawn} <= set(np.linspace(0.5, 2.0, 5))
+    assert len({info["load_kg"] for info in drawn}) > 2
+    for info in drawn:
+        assert info["flexor/muscle.c10_kpa"] != info["extensor/muscle.c10_kpa"]
+        assert 0.8 * 118.4 <= info["flexor/muscle.c10_kpa"] <= 1.2 * 118.4
+        assert 0.0 <= info["extensor/effects.pressure_lag.time_constant_s"] <= 0.05
+
+
+def test_drawn_load_equals_the_option() -> None:
+    env = AntagonistJointEnv(duration=1.0, domain_randomization={"load_kg": (2.0, 2.0)})
+    plain = AntagonistJointEnv(duration=1.0, load=2.0)
+    assert env.reset(seed=4)[1] == {"load_kg": 2.0}
+    plain.reset(seed=4)
+    assert np.array_equal(env.model.body_mass, plain.model.body_mass)
+    assert np.array_equal(env.model.body_inertia, plain.model.body_inertia)
+    assert np.array_equal(env.model.dof_M0, plain.model.dof_M0)
+
+
+def test_drawn_device_equals_a_device_with_these_numbers() -> None:
+    env = AntagonistJointEnv(duration=1.0, domain_randomization={"device": {"muscle.c10_kpa": 0.3}})
+    info, _ = roll_out(env, 2, 0)
+    nominal = load_device("klute-3-4-pair")
+    devices = {
+        name: nominal.with_changes({"muscle.c10_kpa": info[f"{name}/muscle.c10_kpa"]})
+        for name in ("flexor", "extensor")
+    }
+    changed = AntagonistJointEnv(duration=1.0, device=devices)
+    changed.reset(seed=0)
+    env.data.qpos[:], env.data.qvel[:] = changed.data.qpos, 0.0
+    env.data.act[:], env.data.ctrl[:] = changed.data.act, changed.data.ctrl
+    action = np.array([0.4, 0.1], dtype=np.float32)
+    one, other = (each.step(action)[4]["force_flexor_n"] for each in (env, changed))
+    assert one == pytest.approx(other, rel=1e-9)
+
+
+def test_ranges_that_vary_nothing_change_no_bit() -> None:
+    plain = roll_out(AntagonistJointEnv(duration=1.0), 5)[1]
+    for ranges in ({}, {"load_kg": None}, {"device": {}, "effects": {}}):
+        env = AntagonistJointEnv(duration=1.0, domain_randomization=ranges)
+        assert np.array_equal(roll_out(env, 5)[1], plain)
+
+
+def test_vector_environments_draw_as_single_ones_do() -> None:
+    envs = gymnasium.make_vec(NAME, 3, "vector_entry_point", duration=1.0, domain_randomization=RANGES)
+    observations, infos = envs.reset(seed=7)
+    courses = [observations]
+    for _ in range(20):
+        observations, *_ = envs.step(np.tile(np.array([0.3, -0.2], dtype=np.float32), (3, 1)))
+        courses.append(observations)
+    for k in range(3):
+        info, expected = roll_out(AntagonistJointEnv(duration=1.0, domain_randomization=RANGES), 7 + k)
+        assert {name: infos[name][k] for name in info} == info
+        assert np.array_equal(np.array(courses)[:, k], expected)
+
+
+def test_copy_in_mid_episode_keeps_the_drawn_model() -> None:
+    env = AntagonistJointEnv(duration=1.0, domain_randomization=RANGES)
+    roll_out(env, 3, 5)
+    twin = copy.deepcopy(env)
+    action = np.array([0.5, -0.5], dtype=np.float32)
+    for _ in range(5):
+        assert np.array_equal(env.step(action)[0], twin.step(action)[0])
+    assert np.array_equal(env.reset(seed=9)[0], twin.reset(seed=9)[0])
+
+
+@pytest.mark.parametrize(
+    ("ranges", "message"),
+    [
+        ({"mass": 1.0}, "domain_randomization has no 'mass'; allowed: device, effects, load_kg"),
+        ({"load_kg": (0.0, 1.0)}, "load_kg is 0 kg; allowed: 0.01 to 100 kg"),
+        ({"load_kg": (2.0, 1.0)}, "lower limit first"),
+        ({"device": {"muscle.count": 0.1}}, "cannot vary 'muscle.count'"),
+        ({"device": {"muscle.c10_kpa": 0.9}}, "allowed: a fraction from 0 to 0.5"),
+    ],
+)
+def test_impossible_ranges_are_refused(ranges: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        AntagonistJointEnv(domain_randomization=ranges)
+
+
+def test_devices_on_rigid_tendons_cannot_vary() -> None:
+    with pytest.raises(InputError, match="its damper is part of the model"):
+        AntagonistJointEnv(device="klute-3-4", domain_randomization={"device": {"muscle.c10_kpa": 0.1}})

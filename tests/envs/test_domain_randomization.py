@@ -184,7 +184,7 @@ def test_sampled_device_is_reset_in_next_episode() -> None:
     [
         (
             {"weight": 0.1},
-            "domain_randomization has no 'weight'; allowed: mass_fraction, speed_m_per_s, speed_fraction, slope_deg",
+            "no 'weight'; allowed: device, effects, mass_fraction, speed_m_per_s, speed_fraction, slope_deg",
         ),
         ({"mass_fraction": 0.6}, "domain_randomization has mass_fraction = 0.6; allowed: a fraction from 0 to 0.5"),
         ({"mass_fraction": np.nan}, "mass_fraction = nan"),

@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from klute_sim.device.device import Device
 from klute_sim.envs.base.scheduled import ScheduledTaskEnv
+from klute_sim.envs.tasks.joint_randomization import JointRanges
 from klute_sim.envs.tasks.joint_task import TENDONS, JointOptions, JointTask
 from klute_sim.envs.tasks.options import resolve_device
 from klute_sim.errors import InputError, suggest
@@ -61,7 +63,8 @@ class AntagonistJointEnv(ScheduledTaskEnv):
     ## Episode
 
     An episode starts at rest at a random angle with just taut tendons and random pressures of 0.3 to 0.6 of the supply
-    pressure (0 for a device that takes valve openings); the target leads away from there in half a second. It is
+    pressure (0 for a device that takes valve openings); the target leads away from there in half a second. With
+    ``domain_randomization`` load and devices are drawn, too, and ``info`` of the reset holds them. It is
     truncated after ``duration`` seconds and terminated when a state is not finite.
 
     ## Versions
@@ -76,6 +79,7 @@ class AntagonistJointEnv(ScheduledTaskEnv):
         duration: float = 5.0,
         time_step: float = 5e-4,
         load: float | None = None,
+        domain_randomization: JointRanges | Mapping[str, Any] | None = None,
         backend: str = "auto",
         render_mode: str | None = None,
         width: int = 480,
@@ -84,12 +88,18 @@ class AntagonistJointEnv(ScheduledTaskEnv):
     ) -> None:
         """Create the environment with a ``device`` (preset, path or Device) on both tendons, or one for each.
 
-        ``duration`` [s] of an episode, ``time_step`` [s], ``load`` at the end of the lever [kg] (None: 1); ``backend``
-        is auto, compiled or python. With the ``render_mode`` human, rgb_array or depth_array it draws, from a
-        ``camera`` of the model (side), images of ``width`` and ``height`` [pixels]. Raises InputError when an option is
-        invalid.
+        ``duration`` [s] of an episode, ``time_step`` [s], ``load`` at the end of the lever [kg] (None: 1);
+        ``domain_randomization`` gives ranges (``load_kg``, ``device``, ``effects``) from which each episode draws, for
+        each device on its own; ``backend`` is auto, compiled or python. With the ``render_mode`` human, rgb_array or
+        depth_array it draws, from a ``camera`` of the model (side), images of ``width`` and ``height`` [pixels]. Raises
+        InputError when an option is invalid.
         """
-        options = JointOptions(duration=duration, time_step=time_step, load=load)
+        options = JointOptions(
+            duration=duration,
+            time_step=time_step,
+            load=load,
+            ranges=JointRanges.from_mapping(domain_randomization),
+        )
         chosen_backend = callbacks.choose_backend(backend)
         render_options = RenderOptions(render_mode=render_mode, width=width, height=height, camera=camera)
         super().__init__(JointTask(resolve_devices(device), options, 1, chosen_backend), chosen_backend, render_options)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
@@ -12,6 +13,7 @@ from klute_sim.envs.antagonist_joint import (
 )
 from klute_sim.envs.base.scheduled import ScheduledTaskVectorEnv
 from klute_sim.envs.base.vector import VectorOptions
+from klute_sim.envs.tasks.joint_randomization import JointRanges
 from klute_sim.envs.tasks.joint_task import JointOptions, JointTask
 from klute_sim.plant import callbacks
 from klute_sim.rendering.frames import DEFAULT_CAMERA
@@ -34,6 +36,7 @@ class AntagonistJointVectorEnv(ScheduledTaskVectorEnv):
         duration: float = 5.0,
         time_step: float = 5e-4,
         load: float | None = None,
+        domain_randomization: JointRanges | Mapping[str, Any] | None = None,
         n_jobs: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
@@ -57,7 +60,12 @@ class AntagonistJointVectorEnv(ScheduledTaskVectorEnv):
             height=height,
             camera=camera,
         )
-        options = JointOptions(duration=duration, time_step=time_step, load=load)
+        options = JointOptions(
+            duration=duration,
+            time_step=time_step,
+            load=load,
+            ranges=JointRanges.from_mapping(domain_randomization),
+        )
         super().__init__(
             JointTask(resolve_devices(device), options, num_envs, callbacks.choose_backend()), vector_options
         )

@@ -5,6 +5,7 @@ batch accepts C functions only, so it needs the compiled backend.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -87,6 +88,19 @@ def step_batch(
         failed = np.flatnonzero(np.isnan(act[:, _get_pressure_addresses(batch.model)]).any(axis=1))
         listing = ", ".join(str(index) for index in failed[:5]) + (", ..." if len(failed) > 5 else "")
         raise SimulationError(f"{len(failed)} of {batch.nsim} simulations have failed ({listing}): {faults[0]}")
+
+
+def get_model_field(model: mujoco.MjModel, name: str) -> Any:
+    """Return the field ``name`` of ``model``, such as ``body_mass`` or ``opt.timestep``."""
+    value: Any = model
+    for part in name.split("."):
+        value = getattr(value, part)
+    return value
+
+
+def model_fields_differ(name: str, first: mujoco.MjModel, second: mujoco.MjModel) -> bool:
+    """Return whether the field ``name`` differs between two models."""
+    return not np.array_equal(get_model_field(first, name), get_model_field(second, name))
 
 
 def _get_pressure_addresses(model: mujoco.MjModel) -> list[int]:

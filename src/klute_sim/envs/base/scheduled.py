@@ -18,6 +18,7 @@ from klute_sim.envs.base.task import (
 from klute_sim.envs.base.vector import Observations, VectorOptions
 from klute_sim.errors import SimulationError
 from klute_sim.plant import callbacks
+from klute_sim.plant.batch import get_model_field
 from klute_sim.rendering.frames import RenderOptions
 from klute_sim.types import Array, Mask
 
@@ -48,9 +49,9 @@ class ScheduledTaskEnv(DeviceEnv):
         self.observation_space = make_observation_space(task.observation_rows)
 
     def _start_episode(self) -> tuple[Observation, dict[str, Any]]:
-        self._task.start_episode(0, self.data, self.np_random)
+        info = self._task.start_episode(0, self.model, self.data, self.np_random)
         self._task.reset(SINGLE_MASK, self._read_states())
-        return self._task.observations[0], {}
+        return self._task.observations[0], dict(info)
 
     def _advance(self, action: Array) -> Step:
         actions, acts = action[None], []
@@ -95,11 +96,14 @@ class ScheduledTaskVectorEnv(BatchVectorEnv):
             options,
             (make_action_space(task.n_actions), make_observation_space(task.observation_rows)),
             task.max_episode_steps,
+            task.varying_fields,
         )
 
     def _prepare_episode(self, index: int, rng: np.random.Generator) -> Mapping[str, float]:
-        self._task.start_episode(index, self._scratch_data, rng)
-        return {}
+        info = self._task.start_episode(index, self._model, self._scratch_data, rng)
+        for name, values in self._randomized_fields.items():
+            values[index] = np.reshape(get_model_field(self._model, name), values[index].shape)
+        return info
 
     def _reset_task(self, mask: Mask) -> None:
         self._task.reset(mask, self._states)

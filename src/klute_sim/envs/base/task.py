@@ -52,6 +52,8 @@ class ScheduledTask(Protocol):
     """Name, unit, lowest and highest value of each observation."""
     max_episode_steps: int
     """Number of intervals of an episode."""
+    varying_fields: Sequence[str]
+    """Fields of the model that differ between episodes."""
     failure_address: int
     """Index of the state in ``act`` that is not finite after a device has failed."""
 
@@ -63,8 +65,13 @@ class ScheduledTask(Protocol):
     def step_recorder(self) -> Callable[[Mask, Array], None] | None:
         """Return what receives ``act`` (simulations in the mask, steps, na) after each step; None needs nothing."""
 
-    def start_episode(self, index: int, data: mujoco.MjData, rng: np.random.Generator) -> None:
-        """Sample an episode of simulation ``index`` and set ``data`` to its beginning."""
+    def start_episode(
+        self, index: int, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator
+    ) -> Mapping[str, float]:
+        """Sample an episode of simulation ``index`` and set ``data`` to its beginning.
+
+        Changes the :attr:`varying_fields` of ``model``; returns the sampled values by name and unit.
+        """
 
     def reset(self, mask: Mask, states: Any) -> None:
         """Reset observation and accounting of the simulations in ``mask``."""

@@ -117,6 +117,7 @@ class BenchTask:
     """Trajectory, observation and evaluation of ``n_simulations`` testers with one device."""
 
     states_type: type = TesterStates
+    varying_fields: Sequence[str] = ()
     observation_rows: Sequence[tuple[Any, ...]] = OBSERVATIONS
     n_actions = 1
 
@@ -174,7 +175,9 @@ class BenchTask:
         """Return a copy of the observations, shape (n, 5); see :data:`OBSERVATIONS`."""
         return self._observations.copy()
 
-    def start_episode(self, index: int, data: mujoco.MjData, rng: np.random.Generator) -> None:
+    def start_episode(
+        self, index: int, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator
+    ) -> Mapping[str, float]:
         """Sample the trajectory of simulation ``index`` and set ``data`` to its beginning, a just taut tendon."""
         trajectory = self.trajectory_generator.sample(rng)
         length, dt = trajectory.unit_length, self._options.time_step
@@ -185,14 +188,15 @@ class BenchTask:
         parameters = self.actuator.parameters
         pressure = rng.uniform(0.0, 0.25 * parameters.supply.max_pressure)
         initial_state = compute_taut_state(parameters, float(length[0]), pressure)
-        mujoco.mj_resetData(self.model, data)
+        mujoco.mj_resetData(model, data)
         self.actuator.set_state(data, initial_state)
         load = compute_tension(parameters, initial_state, float(length[0]), 0.0)
         place_crosshead(data, float(length[0]), float(length[1] - length[0]) / dt, load)
         data.ctrl[self.servo_ctrl_address] = self._servo_commands[index, 0]
         self.actuator.set_command(data, 0.0 if self._command_is_opening else initial_state.pressure)
         with callbacks.device_callbacks(self._backend, is_isolated=True):
-            mujoco.mj_forward(self.model, data)
+            mujoco.mj_forward(model, data)
+        return {}
 
     def reset(self, mask: Mask, states: TesterStates) -> None:
         """Reset observation and accounting of the simulations in ``mask``."""

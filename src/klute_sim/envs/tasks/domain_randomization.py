@@ -7,7 +7,7 @@ models of all rigs have the same shape, so only the fields that differ are copie
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,31 +19,30 @@ from klute_sim.controllers.parse import Controller
 from klute_sim.device.backend.packing import ROW_SIZE, pack_parameters
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
-from klute_sim.device.schema.document import parse_device_spec
-from klute_sim.effects import catalogue
+from klute_sim.envs.tasks.device_ranges import (
+    GRID_SIZE,
+    PARAMETER_FIELD,
+    DeviceRanges,
+    Range,
+    add_mean_effects,
+    build_parameter_ranges,
+    check_fraction,
+    parse_range,
+)
 from klute_sim.errors import InputError
-from klute_sim.files.toml import format_toml, parse_toml
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.gait.rig.learning import prepare_gait_rig
 from klute_sim.gait.rig.setup import GaitOptions, GaitRig, build_gait_rig
 from klute_sim.plant.actuator import DeviceActuator
-
-GRID_SIZE = 5
-"""Number of grid values of each of mass, speed and slope, including both ends; each rig has to learn its path."""
-MAX_VARIATION_FRACTION = 0.5
-"""Largest allowed relative deviation from a nominal value."""
-PARAMETER_FIELD = "actuator_user"
-"""Field of the model with the device parameters."""
+from klute_sim.plant.batch import get_model_field, model_fields_differ
 
 SPEED_LIMITS_M_PER_S = (0.4, 2.5)
 """Lowest and highest walking speed of the gait rig [m/s], to which a range in fractions of the speed is limited."""
 
-Range = tuple[float, float]
-
 
 @dataclass(frozen=True, kw_only=True)
-class RandomizationRanges:
-    """Ranges of the domain randomisation, validated at construction; an absent range keeps the nominal value."""
+class RandomizationRanges(DeviceRanges):
+    """Ranges of subject, ground and device; an absent range keeps the nominal value."""
 
     mass_fraction: float = 0.0
     """Largest relative deviation of the body mass."""
@@ -53,53 +52,16 @@ class RandomizationRanges:
     """Lowest and highest walking speed relative to the nominal one [1], in place of ``speed_m_per_s``."""
     slope_deg: Range | None = None
     """Lowest and highest slope of the ground [deg], positive uphill."""
-    device: Mapping[str, float] = field(default_factory=dict)
-    """Largest relative deviation by ``section.key`` of the device file."""
-    effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """Range by effect and parameter; ``form`` selects a form, as in a device file."""
 
     def __post_init__(self) -> None:
         """Raise InputError when a range is invalid."""
-        for name, fraction in {"mass_fraction": self.mass_fraction, **self.device}.items():
-            if not 0.0 <= fraction <= MAX_VARIATION_FRACTION:
-                raise InputError(
-                    f"domain_randomization has {name} = {fraction:g}; allowed: a fraction from 0 to "
-                    f"{MAX_VARIATION_FRACTION:g}"
-                )
+        super().__post_init__()
+        check_fraction("mass_fraction", self.mass_fraction)
         if self.speed_m_per_s is not None and self.speed_fraction is not None:
             raise InputError("domain_randomization has speed_m_per_s and speed_fraction, which exclude each other")
         for name in ("speed_m_per_s", "speed_fraction", "slope_deg"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, _parse_range(name, getattr(self, name)))
-        for effect, content in self.effects.items():
-            for key, value in content.items():
-                if key != "form":
-                    _parse_range(f"effects.{effect}.{key}", value)
-
-    @classmethod
-    def from_mapping(cls, ranges: "RandomizationRanges | Mapping[str, Any] | None") -> "RandomizationRanges":
-        """Return the ranges of a mapping with these names; raises InputError when a name is unknown."""
-        if isinstance(ranges, RandomizationRanges):
-            return ranges
-        known = [range_field.name for range_field in fields(cls)]
-        for name in ranges or {}:
-            if name not in known:
-                raise InputError(f"domain_randomization has no '{name}'; allowed: {', '.join(known)}")
-        return cls(**(ranges or {}))
-
-
-def _parse_range(name: str, value: Any) -> Range:
-    try:
-        low, high = (float(end) for end in value)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"domain_randomization has {name} = {value!r}; allowed: two numbers, lower limit first"
-        ) from None
-    if not -np.inf < low <= high < np.inf:
-        raise InputError(
-            f"domain_randomization has {name} = ({low:g}, {high:g}); allowed: two finite numbers, lower limit first"
-        )
-    return low, high
+                object.__setattr__(self, name, parse_range(name, getattr(self, name)))
 
 
 @dataclass(frozen=True)
@@ -161,10 +123,7 @@ class DomainRandomizer:
         self._ranges, self._controller, self._interval = ranges, controller, interval
         self.device = add_mean_effects(device, ranges.effects)
         """Nominal device, with the randomised effects at the middle of their ranges."""
-        self._parameter_ranges = self._build_parameter_ranges()
-        for key, ends in self._parameter_ranges.items():
-            for end in ends:
-                self.device.with_changes({key: end}, "domain_randomization")
+        self._parameter_ranges = build_parameter_ranges(self.device, ranges)
         nominal_options = prepare_options(self.device, controller, options)
         nominal_rig = build_gait_rig(self.device, nominal_options, interval)
         # The prosthesis keeps its alignment; the path of the hip is another one.
@@ -179,7 +138,7 @@ class DomainRandomizer:
         self.max_commands_per_stride = max(rig.commands_per_stride for rig in (nominal_rig, *corners))
         """Number of commands in a stride at the lowest walking speed."""
         self._rig_fields = [
-            n for n in MODEL_FIELDS if any(_model_fields_differ(n, nominal_rig.model, rig.model) for rig in corners)
+            n for n in MODEL_FIELDS if any(model_fields_differ(n, nominal_rig.model, rig.model) for rig in corners)
         ]
         self.varying_fields = [*self._rig_fields, *([PARAMETER_FIELD] if self._parameter_ranges else [])]
         """Model fields that differ between episodes."""
@@ -212,7 +171,7 @@ class DomainRandomizer:
     def apply(self, episode: Episode, model: mujoco.MjModel) -> GaitRig:
         """Apply ``episode`` to ``model``, a copy of the nominal model, and return its rig."""
         for name in self.varying_fields:
-            _get_model_field(model, name)[:] = self.get_field_value(episode, name)
+            get_model_field(model, name)[:] = self.get_field_value(episode, name)
         return replace(
             self.gait_rigs[episode.rig_index],
             model=model,
@@ -238,7 +197,7 @@ class DomainRandomizer:
         )
 
     def _copy_rig_fields(self, model: mujoco.MjModel) -> dict[str, Any]:
-        return {name: np.array(_get_model_field(model, name)) for name in self._rig_fields}
+        return {name: np.array(get_model_field(model, name)) for name in self._rig_fields}
 
     def _build_option_grids(self, nominal_speed: float) -> dict[str, np.ndarray]:
         ranges, mass = self._ranges, self._options.mass
@@ -254,56 +213,3 @@ class DomainRandomizer:
             "slope_deg": ranges.slope_deg,
         }
         return {name: np.linspace(*ends, GRID_SIZE) for name, ends in ranges_by_option.items() if ends is not None}
-
-    def _build_parameter_ranges(self) -> dict[str, Range]:
-        values, ranges = self.device.spec.collect_values(), {}
-        allowed_keys = [
-            key
-            for key, value in values.items()
-            if isinstance(value, float) and not key.startswith(("mounting.", "foot."))
-        ]
-        for key, fraction in self._ranges.device.items():
-            if key not in allowed_keys:
-                raise InputError(
-                    f"domain_randomization cannot vary '{key}' of '{self.device.name}'; allowed: "
-                    f"{', '.join(allowed_keys)}"
-                )
-            ranges[key] = (values[key] * (1.0 - fraction), values[key] * (1.0 + fraction))
-        for effect, content in self._ranges.effects.items():
-            parameter_ranges = {key: value for key, value in content.items() if key != "form"}
-            ranges |= {f"effects.{effect}.{key}": _parse_range(key, value) for key, value in parameter_ranges.items()}
-        return ranges
-
-
-def add_mean_effects(device: Device, effects: Mapping[str, Mapping[str, Any]]) -> Device:
-    """Return ``device`` with ``effects`` (effect to parameter to range) at the middle of their ranges.
-
-    Raises InputError when an effect has no such parameter or the device cannot have the effect.
-    """
-    if not effects:
-        return device
-    document = parse_toml(device.content, f"device {device.name}")
-    for name, content in effects.items():
-        if catalogue.find_form(name, None)[0].kind == "body":
-            raise InputError(
-                f"effect '{name}' belongs to the body and cannot be randomised; allowed: effects of the device"
-            )
-        catalogue.find_form(name, content.get("form"))
-        mean_values = {
-            key: value if key == "form" else 0.5 * sum(_parse_range(key, value)) for key, value in content.items()
-        }
-        document.setdefault("effects", {})[name] = document.get("effects", {}).get(name, {}) | mean_values
-    return Device.from_spec(
-        parse_device_spec(document, f"{device.name} with randomised effects"), format_toml(document).encode()
-    )
-
-
-def _get_model_field(model: mujoco.MjModel, name: str) -> Any:
-    value: Any = model
-    for part in name.split("."):
-        value = getattr(value, part)
-    return value
-
-
-def _model_fields_differ(name: str, first: mujoco.MjModel, second: mujoco.MjModel) -> bool:
-    return not np.array_equal(_get_model_field(first, name), _get_model_field(second, name))

@@ -1,7 +1,7 @@
 """Task of ``klute_sim/AntagonistJoint``: a joint between two muscles follows a target angle."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -14,6 +14,8 @@ from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.envs.base.task import CONTROL_INTERVAL, BatchStep
 from klute_sim.envs.tasks.actions import ActionDecoder, select_action_kind
 from klute_sim.envs.tasks.bench_trajectory import random_wave
+from klute_sim.envs.tasks.device_ranges import PARAMETER_FIELD
+from klute_sim.envs.tasks.joint_randomization import JointRandomizer, JointRanges
 from klute_sim.errors import InputError
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.mechanism.mounting import mount_devices
@@ -71,6 +73,8 @@ class JointOptions:
     """Time step [s]."""
     load: float | None = None
     """Mass at the end of the lever [kg]; None: that of the model."""
+    ranges: JointRanges = field(default_factory=JointRanges)
+    """Ranges from which each episode draws."""
 
     def __post_init__(self) -> None:
         """Raise InputError when an option is invalid."""
@@ -79,8 +83,11 @@ class JointOptions:
         steps = CONTROL_INTERVAL / self.time_step if self.time_step > 0.0 else 0.0
         if not (np.isfinite(steps) and round(steps) >= 1 and abs(round(steps) * self.time_step - 0.01) < 1e-9):
             raise InputError(f"time_step is {1e3 * self.time_step:g} ms; allowed: divisors of 10 ms")
-        if self.load is not None and not MIN_LOAD <= self.load <= MAX_LOAD:
-            raise InputError(f"load is {self.load:g} kg; allowed: {MIN_LOAD:g} to {MAX_LOAD:g} kg")
+        loads = {"load": (() if self.load is None else (self.load,)), "load_kg": self.ranges.load_kg or ()}
+        for name, masses in loads.items():
+            for mass in masses:
+                if not MIN_LOAD <= mass <= MAX_LOAD:
+                    raise InputError(f"{name} is {mass:g} kg; allowed: {MIN_LOAD:g} to {MAX_LOAD:g} kg")
 
     @property
     def steps_per_action(self) -> int:
@@ -111,7 +118,7 @@ class JointTask:
     n_actions = len(TENDONS)
     step_recorder = None
 
-    def __init__(self, devices: dict[str, Device], options: JointOptions, n_simulations: int, backend: str) -> None:
+    def __init__(self, devices: Mapping[str, Device], options: JointOptions, n_simulations: int, backend: str) -> None:
         """Set up the task with ``devices`` (tendon -> device) and a ``backend``, ``compiled`` or ``python``."""
         self._options, self._backend, self._indices = options, backend, np.arange(n_simulations)
         n_targets = n_simulations * (1 + options.actions_per_episode)
@@ -122,13 +129,18 @@ class JointTask:
             )
         file = load_model_file("antagonist_joint")
         mechanism = Mechanism(file, TENDONS, tuple(f"pressure_command_{name}" for name in TENDONS))
-        parameters = {name: device.parameters for name, device in devices.items()}
-        numbers = mount_devices(file, devices) | ({} if options.load is None else {LOAD_NUMBER: options.load})
-        self.model = mechanism.compile(parameters, numbers, options.time_step)
+
+        def compile_model(mounted: Mapping[str, Device], load: float | None) -> mujoco.MjModel:
+            parameters = {name: device.parameters for name, device in mounted.items()}
+            numbers = mount_devices(file, mounted) | ({} if load is None else {LOAD_NUMBER: load})
+            return mechanism.compile(parameters, numbers, options.time_step)
+
+        self._randomizer = JointRandomizer(devices, options.ranges, options.load, compile_model)
+        self.varying_fields: Sequence[str] = self._randomizer.varying_fields
+        self.model = self._randomizer.model
         """MuJoCo model of the joint with both devices."""
-        self.actuators = tuple(
-            DeviceActuator(self.model, mechanism.find_actuator(self.model, name)) for name in TENDONS
-        )
+        self._actuator_names = {name: mechanism.find_actuator(self.model, name) for name in TENDONS}
+        self.actuators = tuple(DeviceActuator(self.model, name) for name in self._actuator_names.values())
         """Devices in the model."""
         self.failure_address, self.max_episode_steps = self.actuators[0].act_address, options.actions_per_episode
         self._decoders = tuple(
@@ -157,25 +169,32 @@ class JointTask:
         """Return a copy of the observations, shape (n, 6); see :data:`OBSERVATIONS`."""
         return self._observations.copy()
 
-    def start_episode(self, index: int, data: mujoco.MjData, rng: np.random.Generator) -> None:
+    def start_episode(
+        self, index: int, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator
+    ) -> Mapping[str, float]:
         """Sample the target of simulation ``index`` and set ``data`` to a joint at rest with random pressures."""
+        actuator_ids = {name: actuator.id for name, actuator in zip(TENDONS, self.actuators, strict=True)}
+        sampled = self._randomizer.draw(model, actuator_ids, rng)
         angle = self._middle + self._amplitude * rng.uniform(-0.5, 0.5)
         time: Array = CONTROL_INTERVAL * np.arange(self._target.shape[1], dtype=np.float64)
         wave = self._middle + self._amplitude * random_wave(time, MAX_FREQUENCY, rng)
         self._target[index] = angle + (wave - angle) * np.minimum(time / BLEND_TIME, 1.0)
-        mujoco.mj_resetData(self.model, data)
+        mujoco.mj_resetData(model, data)
         data.joint(JOINT).qpos[0] = angle
-        mujoco.mj_kinematics(self.model, data)
-        mujoco.mj_comPos(self.model, data)
-        mujoco.mj_tendon(self.model, data)
-        for name, actuator in zip(TENDONS, self.actuators, strict=True):
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        for name, nominal in zip(TENDONS, self.actuators, strict=True):
+            varies = PARAMETER_FIELD in self.varying_fields
+            actuator = DeviceActuator(model, self._actuator_names[name]) if varies else nominal
             supply = actuator.parameters.supply
             pressure = rng.uniform(*INITIAL_PRESSURE_FRACTIONS) * supply.max_pressure
             state = compute_taut_state(actuator.parameters, float(data.tendon(name).length[0]), pressure)
             actuator.set_state(data, state)
             actuator.set_command(data, 0.0 if supply.command_is_opening != 0.0 else state.pressure)
         with callbacks.device_callbacks(self._backend, is_isolated=True):
-            mujoco.mj_forward(self.model, data)
+            mujoco.mj_forward(model, data)
+        return sampled
 
     def reset(self, mask: Mask, states: JointStates) -> None:
         """Reset the observations of the simulations in ``mask``."""
