@@ -66,6 +66,10 @@ def test_filtered_column_comes_after_the_measured_one() -> None:
     assert filtered is not None
     assert measured is not None
     assert measured.rank < filtered.rank
+    short, long = interpret_heading("L_cm"), interpret_heading("L0_cm")
+    assert short is not None
+    assert long is not None
+    assert short.rank < long.rank
 
 
 def test_draft_of_foreign_files_is_a_dataset(tmp_path: Path) -> None:
@@ -142,6 +146,20 @@ def test_other_files_are_left_out_by_name(tmp_path: Path) -> None:
     left_out = [remark for remark in draft.remarks if remark.startswith("left out")]
     assert len(left_out) == 3
     assert "humidity" in "".join(left_out)
+
+
+def test_table_without_time_beside_recordings_is_left_out(tmp_path: Path) -> None:
+    for name in "ab":
+        write(
+            tmp_path / f"{name}.csv",
+            ["time [s]", "L0_cm", "L_cm", "p_bar", "F_N"],
+            [TIME, 0 * TIME, LENGTH / 10, COMMAND, FORCE],
+        )
+    write(tmp_path / "summary.csv", ["L0_cm", "Fmax_N"], [TIME, FORCE])
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert draft.n_trials == 2
+    assert "left out: summary.csv: it has no time" in draft.remarks
+    assert ks.load_dataset(tmp_path).trials[0].prescribed["length"].value == pytest.approx(LENGTH / 1e3)
 
 
 def test_refusals_name_the_way_out(tmp_path: Path) -> None:

@@ -180,7 +180,8 @@ def _write_draft(folder: Path, device_name: str | None, *, is_alone: bool) -> No
     console.print(written.text, markup=False, highlight=False, soft_wrap=True)
     for remark in written.remarks:
         console.print(f"- {remark}", markup=False, highlight=False, soft_wrap=True)
-    trials = "1 trial" if written.n_trials == 1 else f"{written.n_trials} trials in {written.n_groups} groups"
+    groups = "1 group" if written.n_groups == 1 else f"{written.n_groups} groups"
+    trials = "1 trial" if written.n_trials == 1 else f"{written.n_trials} trials in {groups}"
     console.print(f"Draft: {written.path}, {trials}", soft_wrap=True)
     try:
         load_dataset(folder)

@@ -121,6 +121,9 @@ def _recognize_files(folder: Path, resting_length: float) -> tuple[list[Recogniz
                 f"left out: {path.name}: no column with {MIN_SAMPLES} samples was recognized as force, pressure or "
                 f"muscle length; its other columns are {columns}"
             )
+    if any("time" in file.choices for file in files):
+        remarks += [f"left out: {file.path.name}: it has no time" for file in files if "time" not in file.choices]
+        files = [file for file in files if "time" in file.choices]
     if not files:
         raise InputError(f"no file of {folder} was recognized as a recording of the bench; {'; '.join(remarks)}")
     return files, remarks

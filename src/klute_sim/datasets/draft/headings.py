@@ -67,7 +67,8 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     channel = _find_channel(name, tokens, unit)
     if channel is None:
         return None
-    rank = 0 if name.lower() == channel else 1 + 2 * len(tokens & _PROCESSED) + (not tokens & _get_words(channel))
+    is_other = 2 * len(tokens & _PROCESSED) + (not tokens & _get_words(channel))
+    rank = 0 if name.lower() == channel else MAX_HEADING_LENGTH * is_other + len(tokens)
     is_absolute = channel in ("pressure", "pressure_command") and (key in _ABSOLUTE_UNITS or bool(tokens & _ABSOLUTE))
     is_shortening = channel in ("length", "muscle_length") and bool(tokens & _SHORTENING)
     return HeadingMeaning(channel, unit, rank, is_absolute, is_shortening)
