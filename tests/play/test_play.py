@@ -103,6 +103,30 @@ def test_invalid_scenes_and_pressures_are_refused() -> None:
         Controls(scene="bench", max_pressure_bar=5.0, pressure_bar=6.0)
 
 
+def test_caption_follows_phase_time_and_pressure() -> None:
+    bench = start("bench", pressure_bar=1.0)
+    run_for(bench, 50)
+    assert "time\u20070.50 s" in bench.describe_state().replace("time ", "time")
+    assert bench.describe_state().endswith("pressure 1.00 bar")
+    assert "gait cycle" not in bench.describe_state()
+    gait = start("gait")
+    run_for(gait, 25)
+    stride_time = 100 * 0.25 / float(gait.describe_state().split("%")[0].split()[-1])
+    assert stride_time == pytest.approx(1.1, abs=0.1)
+
+
+def test_phase_of_a_walk_is_unknown_before_the_first_foot_strike() -> None:
+    session, phases = start("walk"), []
+    for _ in range(250):
+        session.advance()
+        phases.append(session.describe_state().split("% (estimated)")[0].removeprefix("gait cycle").strip())
+    n_unknown = phases.count("\u2013")
+    assert 0 < n_unknown < 150
+    assert phases[:n_unknown] == n_unknown * ["\u2013"]
+    assert float(phases[n_unknown]) < 5.0
+    assert float(phases[n_unknown + 40]) == pytest.approx(35.0, abs=10.0)
+
+
 @needs_library
 def test_a_video_lasts_as_long_as_the_simulation_and_moves(tmp_path: Path) -> None:
     path = tmp_path / "bench.gif"

@@ -15,6 +15,7 @@ from klute_sim.laws import tendon
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.rendering import graphics_context
+from klute_sim.rendering.caption import FIGURE_SPACE
 from klute_sim.rendering.video import FRAME_RATE
 from klute_sim.viewer import video
 from tests.command_line import run
@@ -62,6 +63,10 @@ def test_gait_is_posed_as_recorded_at_25_frames_a_second(tmp_path: Path) -> None
     assert np.array_equal(pressure, recording["pressure"][frames])
     resting_length = DEVICE.parameters.muscle.resting_length
     assert offset + resting_length == pytest.approx(recording["muscle_length"][frames])
+    for text, frame in zip(motion.captions, frames, strict=True):
+        words = text.replace(FIGURE_SPACE, " ").split()
+        assert words[2:4] == [f"{recording['gait_phase'][frame]:.0f}", "%"]
+        assert words[5] == f"{recording['time'][frame]:.2f}"
 
 
 def test_recorded_muscle_of_a_walk_gives_its_recorded_moment(tmp_path: Path) -> None:
@@ -84,6 +89,21 @@ def test_recorded_muscle_of_a_walk_gives_its_recorded_moment(tmp_path: Path) -> 
     assert moments == pytest.approx(recorded, abs=0.02 * np.abs(recorded).max())
 
 
+def test_phase_of_a_walk_runs_from_foot_strike_to_foot_strike() -> None:
+    recording = ks.simulate_walk(seconds=3.5).recording
+    phase = video.compute_walk_phase(recording)
+    strikes = np.flatnonzero(phase == 0.0)
+    assert len(strikes) >= 2
+    load = recording["grf_vertical_right"]
+    assert (load[strikes - 50] < 20.0).all()
+    assert (load[strikes + 50] > 100.0).all()
+    assert np.isnan(phase[: strikes[0]]).all()
+    assert np.isnan(phase[-1])
+    assert np.nanmax(phase) > 99.5
+    estimate = recording["phase_estimate"][strikes[1] + 50 : strikes[1] + 300]
+    assert phase[strikes[1] + 50 : strikes[1] + 300] == pytest.approx(estimate, abs=8.0)
+
+
 def test_walk_on_a_spring_foot_has_no_device_to_draw(tmp_path: Path) -> None:
     walked = ks.simulate_walk(seconds=1.0, spring_foot=8.0)
     folder = write_files(tmp_path / "walk", {"recording": walked.recording}, DEVICE, walker_toml="")
@@ -100,6 +120,7 @@ def test_trials_of_a_bench_run_follow_each_other_and_long_ones_play_faster(bench
     for motion in motions:
         lengths = [1e3 * float(data.ten_length[0]) for data in video.pose(motion)]
         durations.append(len(lengths) / FRAME_RATE)
+        assert len({text.split()[0] for text in motion.captions}) == 1
         matches = [abs(parquet.load_recording(file)["length"].min() - min(lengths)) for file in files]
         assert min(matches) < 4.0  # mm between two frames
     time = np.linspace(0.0, 200.0, 20001)

@@ -85,7 +85,7 @@ def step_batch(
         faults = callbacks.pop_fault_messages()
     if faults:
         act = batch.bind("act")
-        failed = np.flatnonzero(np.isnan(act[:, _get_pressure_addresses(batch.model)]).any(axis=1))
+        failed = np.flatnonzero(np.isnan(act[:, find_pressure_addresses(batch.model)]).any(axis=1))
         listing = ", ".join(str(index) for index in failed[:5]) + (", ..." if len(failed) > 5 else "")
         raise SimulationError(f"{len(failed)} of {batch.nsim} simulations have failed ({listing}): {faults[0]}")
 
@@ -103,6 +103,6 @@ def model_fields_differ(name: str, first: mujoco.MjModel, second: mujoco.MjModel
     return not np.array_equal(get_model_field(first, name), get_model_field(second, name))
 
 
-def _get_pressure_addresses(model: mujoco.MjModel) -> list[int]:
+def find_pressure_addresses(model: mujoco.MjModel) -> list[int]:
     """Return the indices of the devices' pressures in ``act``."""
     return [int(model.actuator_actadr[i]) for i in range(model.nactuator) if callbacks.get_parameter_row(model, i)]

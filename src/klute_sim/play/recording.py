@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from klute_sim.envs.base.task import CONTROL_INTERVAL
 from klute_sim.errors import InputError
 from klute_sim.play.session import PlaySession
+from klute_sim.rendering.caption import draw_caption
 from klute_sim.rendering.frames import FrameSource, RenderOptions
 from klute_sim.rendering.video import FRAME_RATE, MAX_SECONDS, check_video_path, write_video
 from klute_sim.types import ProgressCallback
@@ -28,8 +29,8 @@ def record_video(
 ) -> None:
     """Write ``seconds`` of ``session``, seen from ``camera``, to ``path`` (.gif, .webp or .mp4) in real time.
 
-    ``size`` is width and height [pixels]. Raises InputError when a value is out of range, MissingExtraError and
-    RenderingError when a library is missing.
+    Each image has a caption: phase of the gait cycle, time and pressure. ``size`` is width and height [pixels]. Raises
+    InputError when a value is out of range, MissingExtraError and RenderingError when a library is missing.
     """
     if not 0.0 < seconds <= MAX_SECONDS:
         raise InputError(f"a video of {seconds:g} s; allowed: above 0, up to {MAX_SECONDS:g} s")
@@ -45,7 +46,7 @@ def record_video(
             progress(number / n_frames, "drawing")
             image = source.draw(session.model, session.data)
             assert image is not None  # the mode rgb_array always has an image
-            yield np.asarray(image, dtype=np.uint8)
+            yield draw_caption(np.asarray(image, dtype=np.uint8), session.describe_state())
 
     try:
         write_video(path, draw(), FRAME_RATE)

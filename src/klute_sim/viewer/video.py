@@ -1,6 +1,7 @@
 """A recorded gait, walk or bench run as a video, without a display: MuJoCo draws its model in the recorded postures."""
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,12 +20,14 @@ from klute_sim.files.reading import read_bytes
 from klute_sim.plant.callbacks import get_parameter_row
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
+from klute_sim.rendering.caption import draw_caption, format_caption
 from klute_sim.rendering.frames import FrameSource, RenderOptions
 from klute_sim.rendering.video import FRAME_RATE, MAX_SECONDS, check_video_path, write_video
 from klute_sim.types import Array, ProgressCallback
 from klute_sim.viewer import scene
 from klute_sim.viewer.folders import detect_folder_kind
 from klute_sim.viewer.layouts import bench, gait, walk
+from klute_sim.walker.outcomes import find_strikes
 
 MAX_TRIAL_SECONDS = 10.0
 """Longest duration of a bench trial in a video [s]; longer trials play faster."""
@@ -40,6 +43,8 @@ class Motion(NamedTuple):
     """Joint positions (n, nq)."""
     device_states: Array
     """Pressure [bar] and muscle length minus resting length [m] (n, 2); NaN: the device is not drawn."""
+    captions: tuple[str, ...]
+    """Captions (n,)."""
 
 
 def save_video(
@@ -53,7 +58,8 @@ def save_video(
     """Write the run in ``folder``, seen from ``camera``, to ``path`` (.gif, .webp or .mp4).
 
     Gait and walks play in real time. A bench run plays the trials that have a tab in the viewer, one after the other,
-    each for at most :data:`MAX_TRIAL_SECONDS`. ``size`` is width and height [pixels]. Raises InputError for other
+    each for at most :data:`MAX_TRIAL_SECONDS`. Each image has a caption: phase of the gait cycle or name of the trial,
+    time, and pressure of the device. ``size`` is width and height [pixels]. Raises InputError for other
     folders and for values out of range, MissingExtraError and RenderingError when a library is missing.
     """
     check_video_path(path)
@@ -62,10 +68,12 @@ def save_video(
     n_frames, source = sum(len(motion.positions) for motion in motions), FrameSource(options)
 
     def draw() -> Iterator[NDArray[np.uint8]]:
-        poses = ((motion.model, data) for motion in motions for data in pose(motion))
-        for number, (model, data) in enumerate(poses):
-            progress(number / n_frames, "drawing")
-            yield np.asarray(source.draw(model, data), dtype=np.uint8)
+        number = 0
+        for motion in motions:
+            for data, caption in zip(pose(motion), motion.captions, strict=True):
+                progress(number / n_frames, "drawing")
+                yield draw_caption(np.asarray(source.draw(motion.model, data), dtype=np.uint8), caption)
+                number += 1
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -120,16 +128,27 @@ def select_frames(recording: Recording, max_seconds: float) -> NDArray[np.int64]
     return np.searchsorted(time, times)
 
 
+def compute_walk_phase(recording: Recording) -> Array:
+    """Return the phase [%] of the right leg's gait cycle (n,); NaN before its first and after its last foot strike."""
+    strikes = find_strikes(recording, "right", float(recording.provenance["options"]["mass_kg"]))
+    phase = np.full(len(recording), np.nan)
+    for begin, end in pairwise(strikes):
+        phase[begin:end] = 100.0 * np.arange(end - begin) / (end - begin)
+    return phase
+
+
 def _load_gait(folder: Path) -> list[Motion]:
     recording = _load_recording(folder)
     model, frames = gait.build_model(recording, folder), select_frames(recording, MAX_SECONDS)
-    return [_build_motion(model, recording, frames, scene.compute_postures(recording, model, frames))]
+    positions, phase = scene.compute_postures(recording, model, frames), recording["gait_phase"]
+    return [_build_motion(model, recording, frames, positions, phase=phase)]
 
 
 def _load_walk(folder: Path) -> list[Motion]:
     recording = _load_recording(folder)
     model, frames = walk.build_model(recording, folder), select_frames(recording, MAX_SECONDS)
-    return [_build_motion(model, recording, frames, walk.compute_postures(recording, model, frames))]
+    positions, phase = walk.compute_postures(recording, model, frames), compute_walk_phase(recording)
+    return [_build_motion(model, recording, frames, positions, phase=phase)]
 
 
 def _load_recording(folder: Path) -> Recording:
@@ -146,22 +165,40 @@ def _load_bench(folder: Path) -> list[Motion]:
     crosshead, motions = int(model.joint("crosshead").qposadr[0]), []
     trials = bench.load_trials(folder, summary)
     for number in bench.select_tab_trials(trials):
-        recording = trials[number - 1].recording
+        name, recording = trials[number - 1].name, trials[number - 1].recording
         frames = select_frames(recording, MAX_TRIAL_SECONDS)
         positions = np.zeros((len(frames), model.nq))
         positions[:, crosshead] = METRES[recording.units["length"]] * recording["length"][frames]
-        motions.append(_build_motion(model, recording, frames, positions))
+        motions.append(_build_motion(model, recording, frames, positions, name=name))
     return motions
 
 
-def _build_motion(model: mujoco.MjModel, recording: Recording, frames: NDArray[np.int64], positions: Array) -> Motion:
+def _build_motion(
+    model: mujoco.MjModel,
+    recording: Recording,
+    frames: NDArray[np.int64],
+    positions: Array,
+    *,
+    phase: Array | None = None,
+    name: str = "",
+) -> Motion:
+    """Return the motion at ``frames``; ``phase`` [%] is that of the gait cycle, ``name`` that of a trial."""
     device, states = _find_device(model), np.full((len(frames), 2), np.nan)
     row = None if device is None else get_parameter_row(model, device)
     if row is not None and scene.has_muscle(recording):
         length = METRES[recording.units["muscle_length"]] * recording["muscle_length"][frames]
         states[:, 0] = recording["pressure"][frames]
         states[:, 1] = length - unpack_parameters(row).muscle.resting_length
-    return Motion(model, positions, states)
+    captions = (
+        format_caption(
+            time=float(recording["time"][frame]),
+            gait_cycle=None if phase is None else float(phase[frame]),
+            pressure=float(pressure),
+            name=name,
+        )
+        for frame, pressure in zip(frames, states[:, 0], strict=True)
+    )
+    return Motion(model, positions, states, tuple(captions))
 
 
 def _find_device(model: mujoco.MjModel) -> int | None:
