@@ -190,8 +190,18 @@ def test_plate_offset_is_removed_and_reported(tmp_path: Path) -> None:
     paths = write_opensim(tmp_path)
     edit_columns(paths[1], lambda label, s: s + 12.0 if label.endswith("1_vy") else s)
     imported = reference_import.import_reference(paths, RAW)
-    assert has_sentence(imported, "warnings", "plate 1 is 12.0 N on the empty plate")
+    assert has_sentence(imported, "warnings", "grf.mot: plate 1 is 12.0 N on the empty plate")
     assert imported.impulse_mass == pytest.approx(69.5, abs=0.3)
+
+
+def test_sentences_name_the_file_of_the_plates_not_the_first_of_the_trial(tmp_path: Path) -> None:
+    trc_path, grf = write_markers(tmp_path)
+    edit_columns(grf, lambda label, s: s + 12.0 if label.endswith("1_vy") else s)
+    imported = reference_import.import_reference([trc_path, grf], RAW)
+    assert has_sentence(imported, "warnings", f"{grf.name}: plate 1 is 12.0 N on the empty plate")
+    files = {entry["channel"]: entry["file"] for entry in imported.log.channels}
+    assert files["grf_forward"] == grf.name
+    assert files["knee centre"] == trc_path.name
 
 
 def test_listed_events_are_compared_with_detected_ones(tmp_path: Path) -> None:

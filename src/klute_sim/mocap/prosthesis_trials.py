@@ -71,7 +71,7 @@ def extract_prosthesis_trial(
         return None
     channels = dict(kinematics.channels)
     contacts = _add_ground_reaction(kinematics, channels, side, trial_name, options, log)
-    if contacts is None or not _add_cop(kinematics, channels, trial, side, trial_name, options, log):
+    if contacts is None or not _add_cop(kinematics, channels, trial, side, options, log):
         return None
     if conventions.detect_sign("shank_angle", *channels["shank_angle"], contacts) == -1:
         log.add_missing(
@@ -104,18 +104,18 @@ def _add_ground_reaction(
     if side not in kinematics.loads:
         log.add_missing(f"{trial_name}: no ground reaction of the {side} foot, which the replay needs")
         return None
-    load = loads.remove_offset(kinematics.loads[side], f"the {side} foot's vertical load", trial_name, log)
+    load = loads.remove_offset(kinematics.loads[side], f"the {side} foot's vertical load", log)
     contacts = find_contacts(load.time, load.vertical, options.contact_threshold)
     sign = conventions.detect_sign(channel_names.GRF_FORWARD, load.time, load.forward, contacts)
     if sign == -1 and kinematics.from_plates:
         log.add_missing(
-            f"{trial_name}: the ground pushes the {side} foot before braking it: 'forward' points backward; set the "
-            "forward axis under [axes] in a file for --map"
+            f"{load.file_name}: the ground pushes the {side} foot before braking it: 'forward' points backward; set "
+            "the forward axis under [axes] in a file for --map"
         )
         return None
     if sign == -1:
         log.add_warning(
-            f"{trial_name}: the fore-aft load of the {side} foot pushes before it brakes; its sign was reversed"
+            f"{load.file_name}: the fore-aft load of the {side} foot pushes before it brakes; its sign was reversed"
         )
     channels["grf_vertical"] = TimeSeries(load.time, load.vertical)
     channels["grf_forward"] = TimeSeries(load.time, (sign or 1) * load.forward)
@@ -127,7 +127,6 @@ def _add_cop(
     channels: dict[str, TimeSeries],
     trial: Sequence[SourceFile],
     side: Side,
-    trial_name: str,
     options: ImportOptions,
     log: ImportLog,
 ) -> bool:
@@ -139,7 +138,7 @@ def _add_cop(
         cop = TimeSeries(load.time, load.cop[:, 0])
     else:
         log.add_missing(
-            f"{trial_name}: no centre of pressure of the {side} foot, so the moment of the load about the ankle is "
+            f"{load.file_name}: no centre of pressure of the {side} foot, so the moment of the load about the ankle is "
             "unknown"
         )
         return False
@@ -149,7 +148,8 @@ def _add_cop(
     is_missing = np.isnan(filled[is_loaded])
     if is_missing.any():
         percentage = 100.0 * float(is_missing.mean())
-        log.add_missing(f"{trial_name}: the centre of pressure is unknown for {percentage:.0f} % of the loaded time")
+        file_name = load.file_name if column is None else column.file_name
+        log.add_missing(f"{file_name}: the centre of pressure is unknown for {percentage:.0f} % of the loaded time")
         return False
     return True
 

@@ -50,12 +50,12 @@ def _extract_legs_from_markers(
     trial: Sequence[SourceFile], source: SourceFile, trial_name: str, options: ImportOptions, log: ImportLog
 ) -> list[Leg]:
     assert source.markers is not None
-    roles = markers.identify_markers(source.markers, options.mapping, trial_name)
-    frame = markers.find_walking_frame(source.markers, roles, options.mapping, trial_name, log)
-    filtered = from_markers.preprocess_markers(source.markers, frame, options.motion_cutoff, trial_name)
-    located = {side: from_markers.locate_landmarks(filtered, roles, side, trial_name, log) for side in SIDES}
+    roles = markers.identify_markers(source.markers, options.mapping, source.name)
+    frame = markers.find_walking_frame(source.markers, roles, options.mapping, source.name, log)
+    filtered = from_markers.preprocess_markers(source.markers, frame, options.motion_cutoff, source.name)
+    located = {side: from_markers.locate_landmarks(filtered, roles, side, source.name, log) for side in SIDES}
     landmarks_by_side = {side: landmarks for side, landmarks in located.items() if landmarks is not None}
-    found = checks.find_landmark_findings(landmarks_by_side, options.stature, trial_name)
+    found = checks.find_landmark_findings(landmarks_by_side, options.stature, source.name)
     log.require_accepted(found, options.accept)
     foot_loads = loads.read_foot_loads(trial, options, log)
     plates = loads.read_plate_loads(trial, frame, log)
@@ -63,15 +63,15 @@ def _extract_legs_from_markers(
         right, left = located["right"], located["left"]
         knee_difference = right.knee_angle - left.knee_angle if right and left else np.full(len(filtered.time), np.nan)
         sides = list(landmarks_by_side)
-        foot_loads = loads.assign_to_feet(plates, sides, filtered.time, knee_difference, trial_name, options, log)
-    log.require_accepted(checks.find_cop_findings(landmarks_by_side, foot_loads, trial_name), options.accept)
+        foot_loads = loads.assign_to_feet(plates, sides, filtered.time, knee_difference, options, log)
+    log.require_accepted(checks.find_cop_findings(landmarks_by_side, foot_loads), options.accept)
     legs = []
     for side, landmarks in landmarks_by_side.items():
         if side not in foot_loads:
             missing_load = describe_missing_load(trial, side, options)
             log.add_missing(f"{trial_name}: {missing_load}, so its heel strikes are unknown")
             continue
-        foot = resample_loads(foot_loads[side], landmarks.time, side, trial_name, options, log)
+        foot = resample_loads(foot_loads[side], landmarks.time, side, options, log)
         angles = {
             "hip_angle": -landmarks.thigh_angle,
             "knee_angle": landmarks.knee_angle,
@@ -80,10 +80,12 @@ def _extract_legs_from_markers(
         }
         log.add_derived("Joint angles: inclinations of the lines between joint centres, in the sagittal plane")
         log.add_derived("Hip flexion: angle of the thigh to the vertical, not to the pelvis")
-        apply_zero(landmarks.time, angles, False, foot.contacts, side, trial_name, options, log)
+        apply_zero(landmarks.time, angles, False, foot.contacts, side, source.name, options, log)
         channels = angles | {channel_names.GRF_VERTICAL: foot.vertical, channel_names.GRF_FORWARD: foot.forward}
         if foot.cop is None:
-            log.add_missing(f"{trial_name}: no centre of pressure, so no ankle moment of the {side} leg")
+            log.add_missing(
+                f"{foot_loads[side].file_name}: no centre of pressure, so no ankle moment of the {side} leg"
+            )
         else:
             mass = options.mass or _estimate_body_mass(foot)
             moment = dynamics.compute_ankle_moment(landmarks, foot.forward, foot.vertical, foot.cop, mass)

@@ -22,10 +22,10 @@ UP = 1
 
 
 def find_landmark_findings(
-    landmarks: Mapping[Side, LegLandmarks], stature: float | None, trial_name: str
+    landmarks: Mapping[Side, LegLandmarks], stature: float | None, file_name: str
 ) -> list[Finding]:
     """Return what is implausible in the ``landmarks`` of the legs in the walking frame."""
-    place = f"file {trial_name}"
+    place = f"file {file_name}"
     legs: dict[str, Mapping[str, Array]] = {
         side: {"hip": leg.hip, "knee": leg.knee, "ankle": leg.ankle, "heel": leg.heel, "toe": leg.toe}
         for side, leg in landmarks.items()
@@ -45,7 +45,7 @@ def find_landmark_findings(
     return findings
 
 
-def find_side_findings(knee: Series, contacts: Sequence[Contact], side: Side, trial_name: str) -> list[Finding]:
+def find_side_findings(knee: Series, contacts: Sequence[Contact], side: Side, file_name: str) -> list[Finding]:
     """Return whether the ``knee`` [deg, flexion positive] is more flexed under load than in swing."""
     differences = []
     for first, second in pairwise(contacts):
@@ -61,7 +61,7 @@ def find_side_findings(knee: Series, contacts: Sequence[Contact], side: Side, tr
         f"the {side} knee is {float(np.median(differences)):.0f} degrees more flexed under load than in swing: angles "
         "and load are of different feet (right and left exchanged); exchange the sides of one of them"
     )
-    return [Finding("side-exchanged", f"file {trial_name}", statement)]
+    return [Finding("side-exchanged", f"file {file_name}", statement)]
 
 
 def _average(series: Series, start: float, end: float) -> float:
@@ -70,7 +70,7 @@ def _average(series: Series, start: float, end: float) -> float:
 
 
 def find_cop_findings(
-    landmarks: Mapping[Side, LegLandmarks], foot_loads: Mapping[Side, GroundReaction], trial_name: str
+    landmarks: Mapping[Side, LegLandmarks], foot_loads: Mapping[Side, GroundReaction]
 ) -> list[Finding]:
     """Return whether the centre of pressure of a loaded foot is far from its ankle."""
     findings: list[Finding] = []
@@ -86,6 +86,6 @@ def find_cop_findings(
         is_seen = (load.time >= leg.time[known][0]) & (load.time <= leg.time[known][-1])
         cop = ScaledSeries("cop", Series(load.time, np.where(is_seen, load.cop[:, 0], np.nan)), "m", 1.0)
         ankle = Series(leg.time[known], leg.ankle[known, 0])
-        found, _ = positions.check_cop(cop, ankle, vertical, steps, f"file {trial_name}, {side} foot")
+        found, _ = positions.check_cop(cop, ankle, vertical, steps, f"file {load.file_name}, {side} foot")
         findings += found
     return findings

@@ -72,7 +72,7 @@ def extract_legs_from_joint_angles(
     if plates:
         sides = [side for side, columns in leg_columns.items() if "knee_angle" in columns]
         time, knee_difference = compute_knee_difference(leg_columns)
-        foot_loads = loads.assign_to_feet(plates, sides, time, knee_difference, trial_name, options, log)
+        foot_loads = loads.assign_to_feet(plates, sides, time, knee_difference, options, log)
     legs = []
     for side, side_columns in leg_columns.items():
         if "knee_angle" not in side_columns or "ankle_angle" not in side_columns:
@@ -143,13 +143,13 @@ def _build_leg(
 ) -> Leg | None:
     knee = leg_columns["knee_angle"]
     clock = _UniformClock(filters.make_uniform_time(knee.time, knee.source.path))
-    foot = resample_loads(load, clock.time, side, trial_name, options, log)
+    foot = resample_loads(load, clock.time, side, options, log)
     angles = {
         name: clock.resample(column, apply_sign(column, foot.contacts, side, log), options.motion_cutoff)
         for name, column in leg_columns.items()
         if name in channel_names.ANGLE_CHANNELS
     }
-    found = checks.find_side_findings(Series(clock.time, angles["knee_angle"]), foot.contacts, side, trial_name)
+    found = checks.find_side_findings(Series(clock.time, angles["knee_angle"]), foot.contacts, side, knee.file_name)
     log.require_accepted(found, options.accept)
     shank_zero_is_free = _derive_shank_angle(angles, body.pelvis_tilt, clock, log, options.motion_cutoff)
     if shank_zero_is_free is None:
@@ -158,7 +158,8 @@ def _build_leg(
             "the leg is unknown"
         )
         return None
-    apply_zero(clock.time, angles, shank_zero_is_free, foot.contacts, side, trial_name, options, log)
+    ankle_file = leg_columns["ankle_angle"].file_name
+    apply_zero(clock.time, angles, shank_zero_is_free, foot.contacts, side, ankle_file, options, log)
     channels = {name: angles[name] for name in ("hip_angle", "knee_angle", "ankle_angle", "shank_angle")}
     channels |= {channel_names.GRF_VERTICAL: foot.vertical, channel_names.GRF_FORWARD: foot.forward}
     if channel_names.ANKLE_MOMENT in leg_columns:

@@ -58,9 +58,9 @@ def _compute_inclination(vector: Array) -> Array:
     return np.asarray(np.degrees(np.arctan2(vector[:, 0], vector[:, 1])), dtype=np.float64)
 
 
-def preprocess_markers(markers: Markers, frame: WalkingFrame, cutoff: float, trial_name: str) -> Markers:
+def preprocess_markers(markers: Markers, frame: WalkingFrame, cutoff: float, file_name: str) -> Markers:
     """Return ``markers`` in the walking frame at uniform times, with gaps filled, filtered at ``cutoff`` [Hz]."""
-    time = filters.make_uniform_time(markers.time, trial_name)
+    time = filters.make_uniform_time(markers.time, file_name)
     rate = (len(time) - 1) / (time[-1] - time[0])
     filtered = {}
     for name, position in markers.positions.items():
@@ -70,32 +70,32 @@ def preprocess_markers(markers: Markers, frame: WalkingFrame, cutoff: float, tri
 
 
 def locate_landmarks(
-    markers: Markers, roles: MarkerRoles, side: Side, trial_name: str, log: ImportLog
+    markers: Markers, roles: MarkerRoles, side: Side, file_name: str, log: ImportLog
 ) -> LegLandmarks | None:
     """Return the landmarks of the leg of ``side`` from ``markers`` in the walking frame.
 
     Returns None and logs the reason if markers are missing.
     """
     heel, toe = (compute_mean_position(markers, roles.select(side, role)) for role in ("heel", "toe"))
-    knee = _locate_joint(markers, roles, side, "knee", ("thigh",), ("shank",), trial_name, log)
-    ankle = _locate_ankle(markers, roles, side, trial_name, log)
-    hip = _locate_hip(markers, roles, side, trial_name, log)
+    knee = _locate_joint(markers, roles, side, "knee", ("thigh",), ("shank",), file_name, log)
+    ankle = _locate_ankle(markers, roles, side, file_name, log)
+    hip = _locate_hip(markers, roles, side, file_name, log)
     points = {"hip": hip, "knee": knee, "ankle": ankle, "heel": heel, "toe": toe}
     missing = [name for name, point in points.items() if point is None]
     if missing or hip is None or knee is None or ankle is None or heel is None or toe is None:
         log.add_missing(
-            f"{trial_name}: the {side} leg has no markers for {' and '.join(missing)}; name them in a file for --map, "
+            f"{file_name}: the {side} leg has no markers for {' and '.join(missing)}; name them in a file for --map, "
             f"under [markers.{side}]"
         )
         return None
     return LegLandmarks(markers.time, hip, knee, ankle, heel, toe)
 
 
-def _locate_hip(markers: Markers, roles: MarkerRoles, side: Side, trial_name: str, log: ImportLog) -> Array | None:
+def _locate_hip(markers: Markers, roles: MarkerRoles, side: Side, file_name: str, log: ImportLog) -> Array | None:
     hip_markers = roles.select(side, "hip")
     if hip_markers:
         method = "marker (of the greater trochanter, or of the centre)"
-        _log_joint_centre(log, trial_name, side, "hip", hip_markers, method)
+        _log_joint_centre(log, file_name, side, "hip", hip_markers, method)
         return compute_mean_position(markers, hip_markers)
     right_asis, left_asis = (compute_mean_position(markers, roles.select(s, "asis")) for s in SIDES)
     posterior = roles.sacrum or (*roles.select("right", "psis"), *roles.select("left", "psis"))
@@ -104,15 +104,15 @@ def _locate_hip(markers: Markers, roles: MarkerRoles, side: Side, trial_name: st
         return None
     asis_markers = (*roles.select("right", "asis"), *roles.select("left", "asis"))
     pelvis_markers = (*asis_markers, *(roles.sacrum or roles.select(side, "psis")))
-    _log_joint_centre(log, trial_name, side, "hip", pelvis_markers, "pelvis regression of Harrington et al. 2007")
+    _log_joint_centre(log, file_name, side, "hip", pelvis_markers, "pelvis regression of Harrington et al. 2007")
     return joints.estimate_hip_centre(right_asis, left_asis, mid_psis, side)
 
 
-def _locate_ankle(markers: Markers, roles: MarkerRoles, side: Side, trial_name: str, log: ImportLog) -> Array | None:
+def _locate_ankle(markers: Markers, roles: MarkerRoles, side: Side, file_name: str, log: ImportLog) -> Array | None:
     rigid_roles = ("heel", "midfoot")  # without the toes, which flex against the rest of the foot
     is_sufficient = sum(len(roles.select(side, role)) for role in rigid_roles) >= joints.MIN_CLUSTER_MARKERS
     foot_roles = rigid_roles if is_sufficient else (*rigid_roles, "toe")
-    return _locate_joint(markers, roles, side, "ankle", ("shank",), foot_roles, trial_name, log)
+    return _locate_joint(markers, roles, side, "ankle", ("shank",), foot_roles, file_name, log)
 
 
 def _locate_joint(
@@ -122,13 +122,13 @@ def _locate_joint(
     joint: str,
     proximal_roles: tuple[str, ...],
     distal_roles: tuple[str, ...],
-    trial_name: str,
+    file_name: str,
     log: ImportLog,
 ) -> Array | None:
     """Return the centre (n, 3) [m] of ``joint`` by its own markers, or by the clusters of the adjacent segments."""
     joint_markers = roles.select(side, joint)
     if joint_markers:
-        _log_joint_centre(log, trial_name, side, joint, joint_markers, "mean of the joint's markers")
+        _log_joint_centre(log, file_name, side, joint, joint_markers, "mean of the joint's markers")
         return compute_mean_position(markers, joint_markers)
     clusters = [
         tuple(n for role in segment_roles for n in roles.select(side, role))
@@ -139,23 +139,23 @@ def _locate_joint(
     proximal, distal = (np.stack([markers.positions[n] for n in cluster], axis=1) for cluster in clusters)
     visible = np.isfinite(proximal).all(axis=(1, 2)) & np.isfinite(distal).all(axis=(1, 2))
     if visible.sum() < MIN_CLUSTER_FRAMES:
-        log.add_missing(f"{trial_name}: the clusters above and below the {side} {joint} are never visible together")
+        log.add_missing(f"{file_name}: the clusters above and below the {side} {joint} are never visible together")
         return None
     centre, residual = joints.fit_joint_centre(proximal, distal, hinge=joint == "knee")
     method = f"centre of rotation of two clusters (Ehrig et al. 2006), {1e3 * residual:.1f} mm rms"
-    _log_joint_centre(log, trial_name, side, joint, clusters[0] + clusters[1], method)
+    _log_joint_centre(log, file_name, side, joint, clusters[0] + clusters[1], method)
     if residual > joints.MAX_JOINT_RESIDUAL:
         log.add_warning(
-            f"{trial_name}: the centre of the {side} {joint} moves in both segments ({1e3 * residual:.0f} mm rms); "
+            f"{file_name}: the centre of the {side} {joint} moves in both segments ({1e3 * residual:.0f} mm rms); "
             "check the names of the clusters"
         )
     return centre
 
 
 def _log_joint_centre(
-    log: ImportLog, trial_name: str, side: Side, joint: str, marker_names: tuple[str, ...], method: str
+    log: ImportLog, file_name: str, side: Side, joint: str, marker_names: tuple[str, ...], method: str
 ) -> None:
     log.add_channel(
-        **{"channel": f"{joint} centre", "side": side, "file": trial_name, "column": ", ".join(marker_names)},
+        **{"channel": f"{joint} centre", "side": side, "file": file_name, "column": ", ".join(marker_names)},
         **{"unit": "m", "sign": 1, "zero": 0.0, "reason": method},
     )

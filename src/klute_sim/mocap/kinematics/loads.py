@@ -43,6 +43,8 @@ CONTACT_MARGIN = 0.02
 class GroundReaction:
     """Ground reaction on one foot or one plate, acting on the body."""
 
+    file_name: str
+    """Name of the file that contains it, or of the files."""
     time: Array
     """Sample times (n,) [s]."""
     vertical: Array
@@ -79,7 +81,7 @@ def read_foot_loads(trial: Sequence[SourceFile], options: ImportOptions, log: Im
             )
         # The two columns may come from files with different times.
         forward_values = np.interp(vertical.time, forward.time, forward.values)
-        foot_loads[side] = GroundReaction(vertical.time, sign * vertical.values, forward_values)
+        foot_loads[side] = GroundReaction(vertical.file_name, vertical.time, sign * vertical.values, forward_values)
     _warn_if_shared_cop(trial, log)
     return foot_loads
 
@@ -123,7 +125,7 @@ def read_plate_loads(
             plate_name = f"plate {number}"
             force, cop = frame.rotate(plate.force), frame.rotate(plate.cop)
             force, sign = _orient_upward(force, 1, plate_name, file_name, log)
-            plate_loads[plate_name] = GroundReaction(plate.time, force[:, 1], force[:, 0], cop[:, :2])
+            plate_loads[plate_name] = GroundReaction(file_name, plate.time, force[:, 1], force[:, 0], cop[:, :2])
             log.add_channel(
                 **{"channel": "ground reaction", "side": plate_name, "file": file_name},
                 **{"column": f"force plate {number}", "unit": "N", "sign": sign, "zero": 0.0},
@@ -165,7 +167,7 @@ def _read_opensim_plates(
         plate_name = plate if plate in SIDES else f"plate {plate}"
         cop_2d = None if cop is None else cop[:, [ahead, up]]
         plate_loads[plate_name] = GroundReaction(
-            channel_lookup.read_time(source), force[:, up], force[:, ahead], cop_2d
+            file_name, channel_lookup.read_time(source), force[:, up], force[:, ahead], cop_2d
         )
         log.add_channel(
             **{"channel": "ground reaction", "side": plate_name, "file": file_name},
@@ -182,11 +184,13 @@ def _orient_upward(force: Array, up: int, description: str, file_name: str, log:
     return -force, -1
 
 
-def remove_offset(loads: GroundReaction, description: str, trial_name: str, log: ImportLog) -> GroundReaction:
+def remove_offset(loads: GroundReaction, description: str, log: ImportLog) -> GroundReaction:
     """Return ``loads`` without the vertical load of the empty plate."""
     offset = estimate_force_offset(loads.vertical)
     if abs(offset) > MAX_PLATE_OFFSET:
-        log.add_warning(f"{trial_name}: {description} is {offset:.1f} N on the empty plate; this offset was removed")
+        log.add_warning(
+            f"{loads.file_name}: {description} is {offset:.1f} N on the empty plate; this offset was removed"
+        )
     return replace(loads, vertical=loads.vertical - offset)
 
 
@@ -195,7 +199,6 @@ def assign_to_feet(
     legs: Sequence[Side],
     time: Array,
     knee_difference: Array,
-    trial_name: str,
     options: ImportOptions,
     log: ImportLog,
 ) -> dict[Side, GroundReaction]:
@@ -206,7 +209,7 @@ def assign_to_feet(
     """
     contacts_by_side: dict[Side, list[tuple[GroundReaction, float, float]]] = {side: [] for side in SIDES}
     for plate, raw_loads in plates.items():
-        loads = remove_offset(raw_loads, plate, trial_name, log)
+        loads = remove_offset(raw_loads, plate, log)
         contacts = find_contacts(loads.time, loads.vertical, options.contact_threshold)
         feet = [_identify_foot(contact, time, knee_difference) for contact in contacts]
         for foot, contact in zip(feet, contacts, strict=True):
@@ -218,12 +221,12 @@ def assign_to_feet(
                 side = legs[0]
             if contact.toe_off - contact.foot_strike > MAX_CONTACT_TIME:
                 log.add_warning(
-                    f"{trial_name}: {plate} is loaded for {contact.toe_off - contact.foot_strike:.2f} s without a "
+                    f"{loads.file_name}: {plate} is loaded for {contact.toe_off - contact.foot_strike:.2f} s without a "
                     "pause, by both feet or in standing; this contact was excluded"
                 )
             elif side is None:
                 log.add_warning(
-                    f"{trial_name}: the foot on {plate} at {contact.foot_strike:.2f} s cannot be identified; this "
+                    f"{loads.file_name}: the foot on {plate} at {contact.foot_strike:.2f} s cannot be identified; this "
                     "contact was excluded"
                 )
             else:
@@ -263,4 +266,5 @@ def _merge_contacts(contacts: Sequence[tuple[GroundReaction, float, float]]) -> 
                 moment[inside, axis] += forces[0] * position
     loaded = np.abs(vertical) > 1e-6
     cop = np.where(loaded[:, None], moment / np.where(loaded, vertical, 1.0)[:, None], 0.0)
-    return GroundReaction(time, vertical, forward, cop if has_cop else None)
+    file_names = ", ".join(dict.fromkeys(loads.file_name for loads, *_ in contacts))
+    return GroundReaction(file_names, time, vertical, forward, cop if has_cop else None)

@@ -39,21 +39,27 @@ class ResampledLoads:
 
 
 def resample_loads(
-    loads: GroundReaction, time: Array, side: Side, trial_name: str, options: ImportOptions, log: ImportLog
+    loads: GroundReaction, time: Array, side: Side, options: ImportOptions, log: ImportLog
 ) -> ResampledLoads:
     """Return ``loads`` of the foot of ``side`` at ``time`` with standard signs, and the contacts."""
-    loads = remove_offset(loads, f"the {side} foot's vertical load", trial_name, log)
+    loads = remove_offset(loads, f"the {side} foot's vertical load", log)
     contacts = find_contacts(loads.time, loads.vertical, options.contact_threshold)
     rate = (len(loads.time) - 1) / (loads.time[-1] - loads.time[0])
     sign = conventions.detect_sign(channel_names.GRF_FORWARD, loads.time, loads.forward, contacts)
     if sign is None and any(c.has_foot_strike and c.has_toe_off for c in contacts):
         log.add_warning(
-            f"{trial_name}: the sign of the {side} foot's fore-aft load is unclear; positive is assumed to be forward"
+            f"{loads.file_name}: the sign of the {side} foot's fore-aft load is unclear; positive is assumed to be "
+            "forward"
         )
     forward_raw = (sign or 1) * loads.forward
     if sign is not None:
         log.add_channel(
-            **{"channel": channel_names.GRF_FORWARD, "side": side, "file": trial_name, "column": "as above, converted"},
+            **{
+                "channel": channel_names.GRF_FORWARD,
+                "side": side,
+                "file": loads.file_name,
+                "column": "as above, converted",
+            },
             **{"unit": "N", "sign": sign, "zero": 0.0},
             reason=conventions.SIGN_RULES[channel_names.GRF_FORWARD],
         )
@@ -135,19 +141,19 @@ def apply_zero(
     shank_zero_is_free: bool,
     contacts: Sequence[Contact],
     side: Side,
-    trial_name: str,
+    file_name: str,
     options: ImportOptions,
     log: ImportLog,
 ) -> None:
     """Shift ``angles`` in place so that the foot is flat in mid-stance.
 
-    Shifts the shank angle if its zero is free, otherwise the ankle angle.
+    Shifts the shank angle if its zero is free, otherwise the ankle angle, which is from the file ``file_name``.
     """
     pitch = angles["shank_angle"] - angles["ankle_angle"]
     offset = conventions.estimate_flat_foot_pitch(time, pitch, contacts)
     spec = options.mapping.channels.get((side, "ankle_angle"))
     if offset is None:
-        log.add_warning(f"{trial_name}: no complete stance of the {side} foot, so the flat foot is unknown")
+        log.add_warning(f"{file_name}: no complete stance of the {side} foot, so the flat foot is unknown")
         return
     if shank_zero_is_free:
         angles["shank_angle"] = angles["shank_angle"] - offset
@@ -158,13 +164,13 @@ def apply_zero(
         return
     if options.ankle_zero == "file" or (spec is not None and spec.zero is not None):
         if abs(offset) > MAX_FLAT_FOOT_PITCH:
-            log.add_warning(f"{trial_name}: the {side} foot is pitched by {offset:.1f} degrees where it should be flat")
+            log.add_warning(f"{file_name}: the {side} foot is pitched by {offset:.1f} degrees where it should be flat")
         return
     angles["ankle_angle"] = angles["ankle_angle"] + offset
     log.add_derived("Zero of the ankle: flat foot from 25 to 50 % of stance (--ankle-zero)")
     if abs(offset) > MAX_FLAT_FOOT_PITCH:
         log.add_warning(
-            f"{trial_name}: with the zero of the file the {side} foot is pitched by {offset:.1f} degrees where it is "
+            f"{file_name}: with the zero of the file the {side} foot is pitched by {offset:.1f} degrees where it is "
             "flat; the ankle's zero was shifted by this angle"
         )
 

@@ -58,7 +58,7 @@ def extract_kinematics(
     trial_name = trial[0].name
     capture = next((source for source in trial if source.markers is not None), None)
     if capture is not None:
-        return _extract_from_markers(trial, capture, side, trial_name, options, log)
+        return _extract_from_markers(trial, capture, side, options, log)
     columns = {name: find_column(trial, name, side, options) for name in MOTION_CHANNELS}
     missing = [name for name, column in columns.items() if column is None]
     if missing:
@@ -76,7 +76,7 @@ def extract_kinematics(
             knees[knee_side] = {} if knee is None else {"knee_angle": knee}
         time, knee_difference = from_joint_angles.compute_knee_difference(knees)
         legs = SIDES if len(time) else [side]
-        foot_loads = loads.assign_to_feet(plates, legs, time, knee_difference, trial_name, options, log)
+        foot_loads = loads.assign_to_feet(plates, legs, time, knee_difference, options, log)
     channels = {}
     for name, column in columns.items():
         if column is not None:
@@ -86,21 +86,21 @@ def extract_kinematics(
 
 
 def _extract_from_markers(
-    trial: Sequence[SourceFile], source: SourceFile, side: Side, trial_name: str, options: ImportOptions, log: ImportLog
+    trial: Sequence[SourceFile], source: SourceFile, side: Side, options: ImportOptions, log: ImportLog
 ) -> ProsthesisKinematics | None:
     assert source.markers is not None
-    roles = markers.identify_markers(source.markers, options.mapping, trial_name)
-    frame = markers.find_walking_frame(source.markers, roles, options.mapping, trial_name, log)
-    unfiltered = from_markers.preprocess_markers(source.markers, frame, 0.0, trial_name)
+    roles = markers.identify_markers(source.markers, options.mapping, source.name)
+    frame = markers.find_walking_frame(source.markers, roles, options.mapping, source.name, log)
+    unfiltered = from_markers.preprocess_markers(source.markers, frame, 0.0, source.name)
     landmarks = {
-        s: from_markers.locate_landmarks(unfiltered, roles, s, trial_name, log if s == side else ImportLog())
+        s: from_markers.locate_landmarks(unfiltered, roles, s, source.name, log if s == side else ImportLog())
         for s in SIDES
     }
     leg, right, left = landmarks[side], landmarks["right"], landmarks["left"]
     if leg is None:
         return None
     located = {s: one for s, one in landmarks.items() if one is not None}
-    log.require_accepted(checks.find_landmark_findings(located, options.stature, trial_name), options.accept)
+    log.require_accepted(checks.find_landmark_findings(located, options.stature, source.name), options.accept)
     foot_loads = loads.read_foot_loads(trial, options, log)
     plates = loads.read_plate_loads(trial, frame, log) if side not in foot_loads else {}
     if plates:
@@ -108,8 +108,8 @@ def _extract_from_markers(
             right.knee_angle - left.knee_angle if right and left else np.full(len(unfiltered.time), np.nan)
         )
         legs = [s for s in SIDES if landmarks[s] is not None]
-        foot_loads = loads.assign_to_feet(plates, legs, unfiltered.time, knee_difference, trial_name, options, log)
-    log.require_accepted(checks.find_cop_findings({side: leg}, foot_loads, trial_name), options.accept)
+        foot_loads = loads.assign_to_feet(plates, legs, unfiltered.time, knee_difference, options, log)
+    log.require_accepted(checks.find_cop_findings({side: leg}, foot_loads), options.accept)
     ground_height = _estimate_ground_height(foot_loads[side]) if plates and side in foot_loads else 0.0
     log.add_derived("Shank inclination: line from ankle to knee, in the sagittal plane")
     channels = {

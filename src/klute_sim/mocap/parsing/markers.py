@@ -58,7 +58,7 @@ class MarkerRoles:
         return self.roles.get((side, role), ())
 
 
-def identify_markers(markers: Markers, mapping: ImportMapping, trial_name: str) -> MarkerRoles:
+def identify_markers(markers: Markers, mapping: ImportMapping, file_name: str) -> MarkerRoles:
     """Return the roles of ``markers`` by their names, overridden by ``mapping``.
 
     Raises InputError if ``mapping`` names a marker that does not exist.
@@ -77,7 +77,7 @@ def identify_markers(markers: Markers, mapping: ImportMapping, trial_name: str) 
     for (side, role), names in mapping.markers.items():
         for name in names:
             if name not in markers.positions:
-                raise InputError(f"{trial_name}: marker '{name}' ({role}, {side}) is missing")
+                raise InputError(f"{file_name}: marker '{name}' ({role}, {side}) is missing")
     return MarkerRoles(roles, tuple(sacrum))
 
 
@@ -116,7 +116,7 @@ class WalkingFrame:
 
 
 def find_walking_frame(
-    markers: Markers, roles: MarkerRoles, mapping: ImportMapping, trial_name: str, log: ImportLog
+    markers: Markers, roles: MarkerRoles, mapping: ImportMapping, file_name: str, log: ImportLog
 ) -> WalkingFrame:
     """Return the walking frame by ``mapping``, or by the mean directions of feet and legs.
 
@@ -138,7 +138,7 @@ def find_walking_frame(
                 legs.append(np.mean((upper - heel)[visible], axis=0))
     if not feet:
         raise InputError(
-            f"{trial_name}: no foot was recognised among the markers; name markers of heel, toe and a higher segment "
+            f"{file_name}: no foot was recognised among the markers; name markers of heel, toe and a higher segment "
             "in a file for --map, under [markers.right]"
         )
     leg, foot = np.mean(legs, axis=0), np.mean(feet, axis=0)
@@ -156,22 +156,22 @@ def find_walking_frame(
         forward, method = axis, f"{method}, which deviate by {angle:.0f} degrees"
     else:
         log.add_warning(
-            f"{trial_name}: the feet point {angle:.0f} degrees away from the laboratory axes; their direction is used "
+            f"{file_name}: the feet point {angle:.0f} degrees away from the laboratory axes; their direction is used "
             "as the walking direction"
         )
     description = f"forward is {_format_axis(forward)} ({method}), up is {_format_axis(up)} (from heels to legs)"
     frame = WalkingFrame(np.array([forward, up, np.cross(forward, up)]), description)
-    _warn_if_sides_swapped(markers, roles, frame, trial_name, log)
+    _warn_if_sides_swapped(markers, roles, frame, file_name, log)
     return frame
 
 
 def _warn_if_sides_swapped(
-    markers: Markers, roles: MarkerRoles, frame: WalkingFrame, trial_name: str, log: ImportLog
+    markers: Markers, roles: MarkerRoles, frame: WalkingFrame, file_name: str, log: ImportLog
 ) -> None:
     right, left = (compute_mean_position(markers, roles.select(side, "heel")) for side in SIDES)
     if right is not None and left is not None and np.nanmean(frame.rotate(right - left)[:, 2]) < 0.0:
         log.add_warning(
-            f"{trial_name}: the right heel is to the left of the left heel; check the sides of the marker names"
+            f"{file_name}: the right heel is to the left of the left heel; check the sides of the marker names"
         )
 
 
