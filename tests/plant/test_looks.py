@@ -111,6 +111,25 @@ def test_rig_stands_when_a_viewer_opens_its_file_and_its_floor_is_at_0_in_built_
     assert floor.sameframe[0] == mujoco.mjtSameFrame.mjSAMEFRAME_BODY
 
 
+def test_person_stands_when_a_viewer_opens_its_file_and_the_floor_is_at_0_in_built_models() -> None:
+    from klute_sim.walker.person.body import load_body
+    from klute_sim.walker.person.build import build_walker_model
+
+    model = load("walker").compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert {model.geom(contact.geom2).name.split("_")[1] for contact in data.contact} == {"left", "right"}
+    assert -0.005 < min(contact.dist for contact in data.contact) < 0.0
+    assert data.sensor("load_left").data[2] == pytest.approx(data.sensor("load_right").data[2])
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    assert data.ncon > 0
+    assert min(contact.dist for contact in data.contact) > -0.015
+    floor = build_walker_model(load_body(), None).geom("floor")
+    assert floor.pos.tolist() == [0.0, 0.0, 0.0]
+    assert floor.sameframe[0] == mujoco.mjtSameFrame.mjSAMEFRAME_BODY
+
+
 def test_keyframes_of_the_rig_stand_on_the_floor() -> None:
     model = load("gait_rig").compile()
     data = mujoco.MjData(model)

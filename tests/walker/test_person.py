@@ -139,9 +139,20 @@ def test_digest_follows_what_moves_and_not_what_is_seen() -> None:
     document = BODY.document
     segments = (models.get_models_folder() / body_module.SEGMENT_FILE).read_text("utf-8")
     assert body_module._hash_numbers(document, segments) == BODY.digest
-    for seen, other in (("fovy=", "ipd="), ('<geom name="head"', '<geom name="hat"'), ('rgba="0.3', 'rgba="0.9')):
+    for seen, other in (
+        ("fovy=", "ipd="),
+        ('<geom name="head"', '<geom name="hat"'),
+        ('rgba="0.3', 'rgba="0.9'),
+        (' pos="0 0 -0.926"', ' pos="0 0 -0.9"'),  # the floor of built models is at 0
+        ('qpos="0 -0.046', 'qpos="0 0'),
+    ):
         assert seen in segments
         assert body_module._hash_numbers(document, segments.replace(seen, other)) == BODY.digest
-    for moves, other in (('mass="50.15625"', 'mass="50"'), ('size="0.022"', 'size="0.02"'), ('"0.3 0.95', '"0.9 0.95')):
+    for moves, other in (
+        ('mass="50.15625"', 'mass="50"'),
+        ('size="0.022"', 'size="0.02"'),
+        ('"0.3 0.95', '"0.9 0.95'),
+        ('size="200', 'size="9'),
+    ):
         assert moves in segments
         assert body_module._hash_numbers(document, segments.replace(moves, other)) != BODY.digest

@@ -25,6 +25,7 @@ JOINTS = ("hip", "knee", "ankle")
 SIDES = ("left", "right")
 """Legs, in the order of all arrays; a prosthesis is on the right."""
 BODY_FILE, SEGMENT_FILE = "body.toml", "walker.xml"
+"""Files that define the body."""
 CONTACT_CLASSES = ("sole", "ground")
 """Classes of the geoms of :data:`SEGMENT_FILE` that touch; the others are shapes to look at."""
 LOOK_ELEMENTS, LOOK_ATTRIBUTES = (
@@ -32,7 +33,6 @@ LOOK_ELEMENTS, LOOK_ATTRIBUTES = (
     ("group", "material", "rgba"),
 )
 """Elements and attributes of :data:`SEGMENT_FILE` that only change its looks."""
-"""Files that define the body."""
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 
@@ -175,7 +175,10 @@ def load_body() -> Body:
 
 
 def _hash_numbers(document: BodyDocument, segments: str) -> str:
-    """Return the SHA-256 of everything that moves the body: without sources, comments, blanks and looks."""
+    """Return the SHA-256 of everything that moves the body: without sources, comments, blanks and looks.
+
+    The height of the floor is one of the looks of the file; in a built model it is always 0.
+    """
     numbers = document.model_dump_json(exclude={"sources"})
     root = ElementTree.fromstring(segments)
     for element in root.iter():
@@ -185,5 +188,7 @@ def _hash_numbers(document: BodyDocument, segments: str) -> str:
                 element.remove(child)
         for attribute in LOOK_ATTRIBUTES:
             element.attrib.pop(attribute, None)
+        if element.get("name") == "floor":
+            element.attrib.pop("pos", None)
     elements = ElementTree.canonicalize(ElementTree.tostring(root, "unicode"), strip_text=True)
     return hashlib.sha256(f"{numbers}{elements}".encode()).hexdigest()

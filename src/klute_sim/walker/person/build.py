@@ -82,6 +82,7 @@ def build_walker_model(
         raise InputError(f"time step is {1e3 * dt:g} ms; allowed: 0.01 to 1 ms")
     spec = models.load_spec("walker")
     spec.option.timestep = dt
+    spec.geom("floor").pos = np.zeros(3)  # it is lower in the file, in which the person stands in MuJoCo's viewer
     ground = ground or Ground()
     spec.option.gravity = GRAVITY * np.array([-math.sin(ground.slope), 0.0, -math.cos(ground.slope)])
     if ground.unevenness > 0.0:
