@@ -35,6 +35,8 @@ COLUMNS = {
     "GRF forward (N/kg)": "grf_forward_n_per_kg",
 }
 """Heading of a published table -> column of the reference."""
+AXES, ANKLE_HEIGHT = ("vertical", "forward"), 0.08
+"""Words for the axes of the ground reaction in :data:`COLUMNS`, and height of the ankle above the ground [m]."""
 OPTIONS = ImportOptions(mass=MASS, stride_time=1.2, ankle_zero="file")
 
 
@@ -60,6 +62,73 @@ def test_published_stride_becomes_the_reference(n_rows: int, tmp_path: Path) -> 
     assert not any(name.endswith("_sd_deg") for name in result.table)
     assert any("one stride over 'Gait cycle (%)', 1.2 s long" in sentence for sentence in result.log.derived)
     reference.parse_reference(result.to_csv(), "stride", result.stride_time)
+
+
+def write_positions(path: Path, ankle_x: float = 0.3, offset: float = 0.0, gap: range = range(0)) -> Path:
+    """Write a stride whose moment is replaced by positions that determine it; the foot has no mass."""
+    percent = np.linspace(0.0, 100.0, 101)
+    columns = {label: HUMAN(name, percent / 100.0) for label, name in COLUMNS.items()}
+    moment, up, ahead = (columns.pop("Ankle moment (Nm/kg)"), *(columns[f"GRF {a} (N/kg)"] for a in AXES))
+    is_loaded = up > 0.5
+    cop = np.where(is_loaded, ankle_x + offset + (moment - ANKLE_HEIGHT * ahead) / np.where(is_loaded, up, 1.0), np.nan)
+    cop[list(gap)] = np.nan
+    columns |= {"cop_x [m]": cop, "ankle_x [m]": np.full(101, ankle_x), "ankle_z [m]": np.full(101, ANKLE_HEIGHT)}
+    rows = zip(percent, *columns.values(), strict=True)
+    lines = [",".join("" if np.isnan(v) else f"{v:.6f}" for v in row) for row in rows]
+    path.write_text("\n".join([",".join(("Gait cycle (%)", *columns)), *lines]) + "\n")
+    return path
+
+
+def test_moment_follows_from_centre_of_pressure_and_ankle(tmp_path: Path) -> None:
+    result = import_reference([write_positions(tmp_path / "stride.csv")], OPTIONS)
+    phase = result.table["gait_pct"] / 100.0
+    expected = HUMAN("ankle_plantarflexor_moment_nm_per_kg", phase)
+    moment = result.table["ankle_plantarflexor_moment_nm_per_kg"]
+    assert moment == pytest.approx(expected, abs=0.03)
+    assert moment.max() == pytest.approx(expected.max(), abs=0.01)
+    assert any("weight and inertia of the foot are neglected" in sentence for sentence in result.log.derived)
+    assert {"cop_x", "ankle_x", "ankle_z"} <= {entry["channel"] for entry in result.log.channels}
+
+
+def test_positions_from_different_origins_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"`cop_x` is 1\.\d+ m from the ankle under load, .* it has another origin"):
+        import_reference([write_positions(tmp_path / "stride.csv", ankle_x=1.3, offset=1.5)], OPTIONS)
+
+
+@pytest.mark.parametrize(
+    ("dropped", "needed"),
+    [
+        ((), "'cop_x [m]', 'ankle_x [m]', 'ankle_z [m]'"),
+        (("ankle_z",), "the column 'ankle_z [m]' ("),
+        (("cop_x", "ankle_z"), "the columns 'cop_x [m]', 'ankle_z [m]' ("),
+    ],
+)
+def test_refusal_without_moment_says_what_to_add(dropped: Sequence[str], needed: str, tmp_path: Path) -> None:
+    lines = write_positions(tmp_path / "stride.csv").read_text().splitlines()
+    names = lines[0].split(",")
+    dropped = dropped or ("cop_x", "ankle_x", "ankle_z")
+    kept = [k for k, name in enumerate(names) if name.removesuffix(" [m]") not in dropped]
+    (tmp_path / "stride.csv").write_text("\n".join(",".join(line.split(",")[k] for k in kept) for line in lines) + "\n")
+    with pytest.raises(InputError) as caught:
+        import_reference([tmp_path / "stride.csv"], OPTIONS)
+    assert "add a column 'Ankle moment [N*m/kg]', the inverse dynamics (.sto), the markers" in str(caught.value)
+    assert needed in str(caught.value)
+
+
+def test_long_gaps_of_the_centre_of_pressure_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"'cop_x \[m\]' is empty for \d+ % of the loaded time"):
+        import_reference([write_positions(tmp_path / "stride.csv", gap=range(15, 45))], OPTIONS)
+
+
+def test_table_without_fore_aft_load_and_moment_names_both(tmp_path: Path) -> None:
+    lines = write_stride(tmp_path / "stride.csv").read_text().splitlines()
+    kept = [
+        k for k, name in enumerate(lines[0].split(",")) if name not in ("Ankle moment (Nm/kg)", "GRF forward (N/kg)")
+    ]
+    (tmp_path / "stride.csv").write_text("\n".join(",".join(line.split(",")[k] for k in kept) for line in lines) + "\n")
+    message = "add a column 'GRF forward [N/kg]'; also missing: ankle moment"
+    with pytest.raises(InputError, match=message.replace("[", r"\[").replace("]", r"\]")):
+        import_reference([tmp_path / "stride.csv"], OPTIONS)
 
 
 def test_units_in_square_brackets_are_those_of_round_ones(tmp_path: Path) -> None:

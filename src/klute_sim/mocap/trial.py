@@ -68,8 +68,7 @@ def _extract_legs_from_markers(
     legs = []
     for side, landmarks in landmarks_by_side.items():
         if side not in foot_loads:
-            missing_load = describe_missing_load(trial, side, options)
-            log.add_missing(f"{trial_name}: {missing_load}, so its heel strikes are unknown")
+            log.add_missing(f"{trial_name}: {describe_missing_load(trial, side, options)}")
             continue
         foot = resample_loads(foot_loads[side], landmarks.time, side, options, log)
         angles = {

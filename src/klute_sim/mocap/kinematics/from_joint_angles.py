@@ -10,9 +10,16 @@ from klute_sim.mocap.kinematics import checks, filters, loads
 from klute_sim.mocap.kinematics.leg import Leg
 from klute_sim.mocap.kinematics.loads import GroundReaction
 from klute_sim.mocap.kinematics.postprocess import apply_sign, apply_zero, compute_ankle_power, resample_loads
+from klute_sim.mocap.kinematics.quasistatic_moment import (
+    ANKLE_FORWARD,
+    ANKLE_HEIGHT,
+    add_cop,
+    compute_quasistatic_moment,
+    describe_missing_positions,
+)
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_names, markers
-from klute_sim.mocap.parsing.channel_lookup import Column, find_column
+from klute_sim.mocap.parsing.channel_lookup import Column, apply_given_sign, find_column
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.markers import WalkingFrame
 from klute_sim.mocap.parsing.missing_columns import describe_missing_load
@@ -25,6 +32,7 @@ MIN_PELVIS_TRAVEL = 0.5
 LEG_COLUMNS = (
     *(name for name in channel_names.ANGLE_CHANNELS if name != channel_names.PELVIS_TILT),
     channel_names.ANKLE_MOMENT,
+    *channel_names.POSITION_CHANNELS,
 )
 """Channels of a leg that files with joint angles may contain."""
 
@@ -78,8 +86,7 @@ def extract_legs_from_joint_angles(
         if "knee_angle" not in side_columns or "ankle_angle" not in side_columns:
             continue
         if side not in foot_loads:
-            missing_load = describe_missing_load(trial, side, options)
-            log.add_missing(f"{trial_name}: {missing_load}, so its heel strikes are unknown")
+            log.add_missing(f"{trial_name}: {describe_missing_load(trial, side, options)}")
             continue
         leg = _build_leg(side, side_columns, body, foot_loads[side], trial_name, options, log)
         legs += [leg] if leg else []
@@ -143,6 +150,8 @@ def _build_leg(
 ) -> Leg | None:
     knee = leg_columns["knee_angle"]
     clock = _UniformClock(filters.make_uniform_time(knee.time, knee.source.path))
+    has_moment = channel_names.ANKLE_MOMENT in leg_columns
+    load = load if has_moment else add_cop(load, leg_columns, side, options, log)
     foot = resample_loads(load, clock.time, side, options, log)
     angles = {
         name: clock.resample(column, apply_sign(column, foot.contacts, side, log), options.motion_cutoff)
@@ -162,16 +171,28 @@ def _build_leg(
     apply_zero(clock.time, angles, shank_zero_is_free, foot.contacts, side, ankle_file, options, log)
     channels = {name: angles[name] for name in ("hip_angle", "knee_angle", "ankle_angle", "shank_angle")}
     channels |= {channel_names.GRF_VERTICAL: foot.vertical, channel_names.GRF_FORWARD: foot.forward}
-    if channel_names.ANKLE_MOMENT in leg_columns:
+    moment = None
+    if has_moment:
         column = leg_columns[channel_names.ANKLE_MOMENT]
         moment = clock.resample(column, apply_sign(column, foot.contacts, side, log), options.load_cutoff)
+    elif ANKLE_FORWARD in leg_columns and ANKLE_HEIGHT in leg_columns:
+        ankle = {
+            name: clock.resample(
+                leg_columns[name], apply_given_sign(leg_columns[name], side, log), options.motion_cutoff
+            )
+            for name in (ANKLE_FORWARD, ANKLE_HEIGHT)
+        }
+        place = f"file {load.file_name}, {side} foot"
+        moment = compute_quasistatic_moment(clock.time, foot, ankle, place, options, log)
+    if moment is not None:
         channels[channel_names.ANKLE_MOMENT] = moment
         channels[channel_names.ANKLE_POWER] = compute_ankle_power(clock.time, moment, angles["ankle_angle"])
         log.add_derived("Ankle power: moment times plantarflexion rate")
     else:
         log.add_missing(
-            f"{trial_name}: no ankle moment of the {side} leg, and none can be computed without the position of the "
-            "ankle: add the inverse dynamics (.sto), the markers (.trc, .c3d) or a column 'Ankle moment [N*m/kg]'"
+            f"{trial_name}: no ankle moment of the {side} leg, which angles and ground reaction do not determine: add "
+            "a column 'Ankle moment [N*m/kg]', the inverse dynamics (.sto), the markers (.trc, .c3d), or "
+            f"{describe_missing_positions(leg_columns, foot.cop is not None)}"
         )
     belt = body.belt_speed
     belt_speed = None if belt is None else np.interp(clock.time, belt.time, belt.values)

@@ -22,10 +22,17 @@ _AXIS_NAMES = {channel_names.GRF_VERTICAL: "vertical", channel_names.GRF_FORWARD
 
 
 def describe_missing_load(trial: Sequence[SourceFile], side: Side, options: ImportOptions) -> str:
-    """Return the part of the ground reaction of the foot of ``side`` that no column shows, as a noun phrase."""
-    missing = [axis for channel, axis in _AXIS_NAMES.items() if _lacks(trial, channel, side, options)]
-    axis = f"{missing[0]} " if len(missing) == 1 else ""
-    return f"no {axis}ground reaction of the {side} foot"
+    """Return which part of the ground reaction of the foot of ``side`` no column shows, and what that means."""
+    missing = [channel for channel in _AXIS_NAMES if _lacks(trial, channel, side, options)]
+    if missing == [channel_names.GRF_FORWARD]:
+        others = [q for q in _list_missing_quantities(trial, side, options) if q != "fore-aft ground reaction"]
+        advice = f"; also missing: {', '.join(others)}" if others else ""
+        return (
+            f"no fore-aft ground reaction of the {side} foot, which the rig tracks as well as the vertical one: add a "
+            f"column 'GRF forward [N/kg]'{advice}"
+        )
+    axis = f"{_AXIS_NAMES[missing[0]]} " if len(missing) == 1 else ""
+    return f"no {axis}ground reaction of the {side} foot, so its heel strikes are unknown"
 
 
 def describe_missing_quantities(trial: Sequence[SourceFile], options: ImportOptions) -> str:
