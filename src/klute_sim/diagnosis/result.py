@@ -18,6 +18,7 @@ from klute_sim.diagnosis.planning.direct_measurements import DirectMeasurement
 from klute_sim.diagnosis.selection.equation_residuals import EquationResidual
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, SelectionStep
 from klute_sim.diagnosis.selection.localization import MisfitRegion
+from klute_sim.diagnosis.selection.misfit_map import MapCell
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.robustness import EquivalentModel
 
@@ -87,6 +88,10 @@ class Diagnosis:
     """Whether the refitted device without effects predicts the test trials better."""
     diverged_trials: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Model -> test trials in which its simulation diverges; :attr:`channel_rms` leaves them out."""
+    p_value: float | None = None
+    """Probability of a misfit as large as that of the base fit if nothing is missing; None without repeats."""
+    misfit_map: list[MapCell] = field(default_factory=list)
+    """Misfit of the base fit in each channel and condition; empty without repeats."""
     misfit_regions: list[MisfitRegion] = field(default_factory=list)
     """Channels and conditions in which the base fit deviates, largest deviation first."""
     equation_residuals: list[EquationResidual] = field(default_factory=list)

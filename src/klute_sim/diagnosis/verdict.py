@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from klute_sim.diagnosis.evidence import collect_evidence
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.planning.identifiability import INDISTINGUISHABLE_COSINE
@@ -69,6 +70,16 @@ def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for r in list_rejections(diagnosis)
         ],
+        "p_value": diagnosis.p_value,
+        "misfit_map": [
+            {
+                "channel": cell.channel,
+                "region": cell.region,
+                "misfit_over_noise": round(cell.misfit.rms / cell.misfit.noise_rms, 3),
+                "significance": round(cell.misfit.significance, 2),
+            }
+            for cell in diagnosis.misfit_map
+        ],
         "indistinguishable": list_indistinguishable_pairs(diagnosis),
         "split": {"fit": list(split.fit), "validation": list(split.validation), "test": list(split.test)},
         "where": [
@@ -131,6 +142,7 @@ def _describe_prediction(prediction: PredictiveResult) -> dict[str, Any]:
 
 def _list_effect_entries(diagnosis: Diagnosis, final_fit: Fit) -> list[dict[str, Any]]:
     entries = []
+    evidence = collect_evidence(diagnosis)
     for index, term in enumerate(final_fit.hypothesis.terms):
         rows = zip(final_fit.hypothesis.parameters, final_fit.values, diagnosis.confidence_intervals, strict=True)
         entry: dict[str, Any] = {
@@ -145,6 +157,8 @@ def _list_effect_entries(diagnosis: Diagnosis, final_fit: Fit) -> list[dict[str,
                 if parameter.term_index == index
             },
         }
+        if term in evidence:
+            entry["evidence"] = evidence[term]._asdict()
         if term.tendon is not None:
             entry["tendon"] = term.tendon
         if term.part is not None:

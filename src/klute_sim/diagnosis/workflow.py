@@ -37,12 +37,14 @@ from klute_sim.diagnosis.imperfect_law import (
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
+from klute_sim.diagnosis.noise.randomization import compute_p_value
 from klute_sim.diagnosis.planning.direct_measurements import list_direct_measurements
 from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
 from klute_sim.diagnosis.planning.proposals import propose_experiment
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.localization import locate_misfit
+from klute_sim.diagnosis.selection.misfit_map import map_misfit
 from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms
 from klute_sim.types import ProgressCallback
 
@@ -141,7 +143,7 @@ def _run_workflow(
     reasons += describe_registration(zip(names, fit.values, selected.confidence_intervals, strict=True))
     if not selected.has_converged:
         reasons.append("A fit restarted from another point converged elsewhere; treat the values with caution.")
-    data, final_fit, equivalent_models = selected.data, selected.final_fit, selected.equivalent_models
+    final_fit, equivalent_models = selected.final_fit, selected.equivalent_models
     diagnosis = Diagnosis(
         dataset=dataset,
         split=partition,
@@ -154,6 +156,8 @@ def _run_workflow(
         confidence_intervals=selected.confidence_intervals,
         equivalent_models=equivalent_models,
         prediction=selected.prediction,
+        p_value=compute_p_value(data, base_fit, options.seed) if search.has_repeats else None,
+        misfit_map=map_misfit(data, base_fit) if search.has_repeats else [],
         misfit_regions=locate_misfit(search.data, base_fit),
         equation_residuals=selected.equation_residuals,
         selection_history=search.history,
@@ -170,9 +174,9 @@ def _run_workflow(
         progress(0.85, "searching for an experiment that separates the equivalent models")
         rival = equivalent_models[0].fit
         proposal = (
-            propose_experiment(data, dataset.device, final_fit, rival)
+            propose_experiment(selected.data, dataset.device, final_fit, rival)
             if dataset.rig == "bench"
-            else propose_joint_experiment(data, dataset, final_fit, rival)
+            else propose_joint_experiment(selected.data, dataset, final_fit, rival)
         )
         diagnosis.next_experiment = None if proposal is None else proposal.to_dict()
     progress(0.95, "evaluating the test trials")

@@ -1,15 +1,15 @@
 """Misfit: the residual that all repeats of a trial share and that noise does not explain."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.noise.repeats import Noise, Residuals, align_repeats
-from klute_sim.types import Array
+from klute_sim.diagnosis.noise.repeats import AlignedRepeats, Noise, Residuals, align_repeats
+from klute_sim.types import Array, Mask
 
 SIGNIFICANCE_SIGMAS = 4.0
 """Standard errors of a mean squared misfit above which it is significant."""
@@ -35,24 +35,35 @@ def is_significant(misfit: Misfit) -> bool:
     return misfit.significance > SIGNIFICANCE_SIGMAS and misfit.rms > MIN_MISFIT_FRACTION * misfit.noise_rms
 
 
+def select_all(repeats: AlignedRepeats) -> Mask | slice:
+    """Return all samples of ``repeats``."""
+    return slice(None)
+
+
 def estimate_misfit(
-    experiments: Sequence[Experiment], residuals: Residuals, noise: Mapping[str, Noise]
+    experiments: Sequence[Experiment],
+    residuals: Residuals,
+    noise: Mapping[str, Noise],
+    select: Callable[[AlignedRepeats], Mask | slice] = select_all,
 ) -> dict[str, Misfit]:
     """Return the misfit of each repeated channel from the products of different repeats' residuals.
 
     Noise cancels in the mean of these products. The standard error uses the local noise variance: some states amplify
-    input noise more than others, and two noisy intervals correlate by chance.
+    input noise more than others, and two noisy intervals correlate by chance. ``select`` returns the samples to use.
     """
     misfits = {}
     for channel, channel_noise in noise.items():
         product, variance, uniform_variance, n_samples = 0.0, 0.0, 0.0, 0
         for repeats in align_repeats(experiments, residuals, channel, with_input_error=True):
             pairs = list(itertools.combinations(repeats.residuals, 2))
-            count = repeats.residuals.shape[1]
+            samples = select(repeats)
+            count = len(repeats.time[samples])
+            if count == 0:
+                continue
             correlation_time = channel_noise.correlation_time(repeats.sampling_interval)
-            product += count * float(np.mean([np.mean(a * b) for a, b in pairs]))
+            product += count * float(np.mean([np.mean((a * b)[samples]) for a, b in pairs]))
             weight = count * correlation_time / len(pairs)
-            variance += weight * _mean_squared_variance(repeats.residuals, correlation_time)
+            variance += weight * float(np.mean(_squared_variance(repeats.residuals, correlation_time)[samples]))
             uniform_variance += weight * channel_noise.std**4
             n_samples += count
         if n_samples:
@@ -62,8 +73,8 @@ def estimate_misfit(
     return misfits
 
 
-def _mean_squared_variance(residuals: Array, correlation_time: float) -> float:
-    """Return the time average of the squared local noise variance [SI^4] of ``residuals`` (repeats, samples).
+def _squared_variance(residuals: Array, correlation_time: float) -> Array:
+    """Return the squared local noise variance [SI^4] of ``residuals`` (repeats, samples): (samples,).
 
     The local variance is that of a window of :data:`LOCAL_VARIANCE_WINDOW` correlation times, with one degree of
     freedom per correlation time and repeat but one. Its squared estimate is too large by ``1 + 2 / freedom``.
@@ -73,5 +84,4 @@ def _mean_squared_variance(residuals: Array, correlation_time: float) -> float:
     variance = ((residuals - residuals.mean(axis=0)) ** 2).sum(axis=0) / (n_repeats - 1)
     local_variance = uniform_filter1d(variance, width, mode="nearest")
     freedom = (n_repeats - 1) * max(1.0, width / correlation_time)
-    bias: float = 1.0 + 2.0 / freedom
-    return float(np.mean(local_variance * local_variance)) / bias
+    return np.asarray(local_variance * local_variance / (1.0 + 2.0 / freedom))

@@ -52,7 +52,7 @@ def locate_misfit(data: WeightedData, base_fit: Fit) -> list[MisfitRegion]:
             # The squared mean of the repeats minus the noise in it.
             mean, n_repeats = residuals.mean(axis=0), len(residuals)
             squares.append(mean * mean - (noise.std**2 / n_repeats if n_repeats > 1 else 0.0))
-            conditions.append(_sample_conditions(by_group[group], time))
+            conditions.append(sample_conditions(by_group[group], time))
         if not squares:
             continue
         squared_misfit = np.concatenate(squares)
@@ -65,7 +65,7 @@ def locate_misfit(data: WeightedData, base_fit: Fit) -> list[MisfitRegion]:
     return sorted(scaled, key=lambda r: -r.fraction)
 
 
-def _sample_conditions(experiment: Experiment, time: Array) -> dict[str, Array]:
+def sample_conditions(experiment: Experiment, time: Array) -> dict[str, Array]:
     """Return the covariates of ``experiment`` at the common ``time`` [s] of its repeats."""
     grid = np.linspace(0.0, experiment.duration, len(experiment.command))
     aligned = experiment.align_time(grid)
