@@ -15,7 +15,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import ascii_lowercase
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from benchmarks.hidden_effects.adversary.dataset import make_dataset as make_adversary_dataset
@@ -63,6 +63,26 @@ def draw_true_base(rng: np.random.Generator, device: Mapping[str, float]) -> dic
     return numbers
 
 
+class DrawnBench(NamedTuple):
+    """Bench of a dataset as its seed draws it."""
+
+    base: dict[str, float]
+    """Numbers of the actual device."""
+    programs: list[InputProgram]
+    """Inputs."""
+    records_muscle_length: bool
+    """Whether the length of the muscle is recorded where nothing else is asked for."""
+    noise_rng: np.random.Generator
+    """Generator of noise and disturbances."""
+
+
+def draw_bench(seed: int, device: Mapping[str, float]) -> DrawnBench:
+    """Return the bench of ``seed`` with a specimen of ``device``."""
+    rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
+    base, programs = draw_true_base(rngs[0], device), generate_programs(rngs[1])
+    return DrawnBench(base, programs, bool(rngs[2].random() < 1 / 3), rngs[3])
+
+
 def make_dataset(
     folder: Path,
     seed: int,
@@ -95,14 +115,12 @@ def make_dataset(
     if defect is not None and defect not in DEFECTS:
         raise ValueError(f"defect {defect!r} is none of {', '.join(DEFECTS)}")
     noise = noise or Noise()
-    child = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
     device = load_device(device_file)
-    base = {**draw_true_base(child[0], device), **list_numbers(numbers)}
-    programs = generate_programs(child[1])
-    is_recorded = child[2].random() < 1 / 3
+    bench = draw_bench(seed, device)
+    base, programs = {**bench.base, **list_numbers(numbers)}, bench.programs
     is_required = any(fault["channel"] == "muscle_length" for fault in instruments)
     recorded_channels = ["force", "pressure"]
-    if is_required or (is_recorded if muscle_length is None else muscle_length):
+    if is_required or (bench.records_muscle_length if muscle_length is None else muscle_length):
         recorded_channels.append("muscle_length")
     if defect == "no_excitation":
         programs = [hold_still(program) for program in programs]
@@ -119,7 +137,7 @@ def make_dataset(
     trials, differences = [], {name: [] for name in recorded_channels}
     for program in programs:
         for repeat in "a" if defect == "no_repeats" else ascii_lowercase[:repeats]:
-            wander = draw_wander(child[3], round(program.duration / AIR_STEP) + 1, noise.wander)
+            wander = draw_wander(bench.noise_rng, round(program.duration / AIR_STEP) + 1, noise.wander)
             signals = simulate_measurements(program, neutral, hidden, wander)
             if law_error is not None:
                 signals = add_law_error(signals, program, law_error, specimens[program.name], FORCE_RANGE_N)
@@ -129,14 +147,14 @@ def make_dataset(
                 for name in recorded_channels:
                     differences[name].append((displayed[name] - reference[name])[::DECIMATION_FACTOR])
             tables[f"{program.name}_{repeat}.csv"] = record_trial(
-                child[3], program, signals, noise, recorded_channels, hidden.instruments
+                bench.noise_rng, program, signals, noise, recorded_channels, hidden.instruments
             )
             trials.append((f"{program.name}_{repeat}.csv", program.name, program.use))
     if defect is not None:
         _apply_defect(tables, defect)
     if logging is not None:
         levels = {name: BENCH_CHANNELS[name].noise for name in recorded_channels}
-        tables = change_log(child[3], tables, levels, logging)
+        tables = change_log(bench.noise_rng, tables, levels, logging)
 
     noise_levels = {name: getattr(noise, name) or BENCH_CHANNELS[name].noise for name in recorded_channels}
     raw_sizes = {name: _rms(np.concatenate(d)) / noise_levels[name] if d else 0.0 for name, d in differences.items()}

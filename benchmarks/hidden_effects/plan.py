@@ -49,7 +49,7 @@ BLOCK_SIZES = {
 }
 """Number of datasets of each block that gives sufficient statistics."""
 HALF_SEEDS = {"development": 101, "calibration": 707, "test": 909}
-"""Seeds: thresholds are set on the development half, probabilities are calibrated on another, and both are frozen before
+"""Seeds: thresholds are set on the development half and probabilities on the calibration half. Both are frozen before
 the test half is evaluated."""
 TARGET_SIZES = (2.0, 8.0, 0.7)
 """Sizes of single effects over the noise."""

@@ -67,13 +67,19 @@ class EffectSizer:
 
     def measure_size(self, hidden: Hidden) -> float:
         """Return the size of all ``hidden`` effects together."""
-        residual = self._refit_residual(self._simulate_channels(self._base, hidden))
+        residual = self.compute_residual(hidden)
         sizes = [float(np.sqrt(np.mean(row * row))) for row in residual.reshape(len(self._recorded_channels), -1)]
         for fault in hidden.instruments:
             if fault["name"] == "quantisation":  # for signals that cross many steps
                 step = fault["parameters"]["step"] / BENCH_CHANNELS[fault["channel"]].noise
                 sizes.append(step / float(np.sqrt(12.0)))
         return max(sizes)
+
+    def compute_residual(self, hidden: Hidden) -> Floats:
+        """Return what ``hidden`` effects leave after the refit, over the noise: (channels x samples,), channel by
+        channel.
+        """
+        return self._refit_residual(self._simulate_channels(self._base, hidden))
 
     def scale_effect(self, effect: Effect) -> dict[str, Any]:
         """Return ``effect`` scaled to its required size as far as its parameters allow, with the reached size."""

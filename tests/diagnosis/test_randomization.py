@@ -1,0 +1,112 @@
+"""p-values of the hypothesis that a fit leaves noise alone: uniform under it, small under a shared misfit."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.noise import randomization
+from klute_sim.diagnosis.noise.randomization import N_RANDOMIZATIONS, compute_p_value
+from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
+from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats
+
+SAMPLES, INTERVAL = 1600, 0.005
+TIME = np.arange(SAMPLES) * INTERVAL
+SHARED_SCALE = 3.0 * np.sqrt(8.0)
+"""Amplitude of the shared misfit, a squared sine less its mean, whose root mean square is the stationary noise."""
+UNCERTAINTIES = tuple((f"tendon.stiffness_{k}_n_per_mm", 40.0) for k in (1, 2))
+
+
+def make_stationary_noise(rng: np.random.Generator) -> np.ndarray:
+    return make_correlated_noise(rng, SAMPLES, 3.0, 0.02)
+
+
+def make_local_noise(rng: np.random.Generator) -> np.ndarray:
+    """Return noise that is ten times as large for a quarter of the time."""
+    return make_correlated_noise(rng, SAMPLES, 0.3, 0.02) * np.where((TIME > 2.0) & (TIME < 4.0), 10.0, 1.0)
+
+
+def make_skewed_level_noise(rng: np.random.Generator) -> np.ndarray:
+    """Return noise with a level of its own in each trial."""
+    return make_correlated_noise(rng, SAMPLES, 1.0, 0.02) * np.exp(rng.normal(0.0, 0.5))
+
+
+def draw_p_values(
+    make_noise: Callable[[np.random.Generator], np.ndarray], n_draws: int, *, misfit: float = 0.0, n_repeats: int = 2
+) -> list[float]:
+    """Return p-values of linear fits of two numbers to three trials, whose repeats share a ``misfit``."""
+    device, rng, simulator = load_device("klute-3-4-pair"), np.random.default_rng(7), Simulator(1)
+    hypothesis = Hypothesis(device, UNCERTAINTIES, ())
+    shapes = np.array([[np.sin((k + 1.3) * TIME + group) for group in range(3)] for k in range(2)])
+    shared = misfit * np.array([np.sin(1.7 * TIME + group) ** 2 - 0.5 for group in range(3)])
+    p_values = []
+    for _ in range(n_draws):
+        deviations = rng.normal(size=2)
+        rows = [
+            shared[group] + make_noise(rng) - np.tensordot(deviations, shapes[:, group], 1)
+            for group in range(3)
+            for _ in range(n_repeats)
+        ]
+        experiments = [
+            replace(e, name=f"{group}{e.name}")
+            for group in range(3)
+            for e in make_repeats(rows[group * n_repeats : (group + 1) * n_repeats], str(group))
+        ]
+        data = WeightedData(
+            simulator, experiments, estimate_noise_from_repeats(experiments, [{"force": row} for row in rows])
+        )
+        columns = [
+            data.weight_residuals([{"force": shape[k // n_repeats]} for k in range(len(rows))]) for shape in shapes
+        ]
+        jacobian = np.concatenate([np.stack(columns, axis=1), np.eye(2)])
+        target = np.append(data.weight_residuals([{"force": row} for row in rows]), np.zeros(2))
+        x = -np.linalg.pinv(jacobian) @ target
+        weighted_residuals = target + jacobian @ x
+        residuals = data.split_weighted_residuals(weighted_residuals)
+        p_value = compute_p_value(data, Fit(hypothesis, x, weighted_residuals, jacobian, True, residuals))
+        assert p_value is not None
+        p_values.append(p_value)
+    simulator.close()
+    return p_values
+
+
+@pytest.mark.parametrize("make_noise", [make_stationary_noise, make_local_noise, make_skewed_level_noise])
+@pytest.mark.parametrize("n_repeats", [2, 3])
+def test_p_values_are_uniform_where_only_noise_is_left(
+    make_noise: Callable[[np.random.Generator], np.ndarray], n_repeats: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(randomization, "MIN_MISFIT_FRACTION", 0.0)
+    p_values = draw_p_values(make_noise, 100, n_repeats=n_repeats)
+    assert kstest(p_values, "uniform").pvalue > 0.01
+    assert np.mean(np.array(p_values) <= 0.05) < 0.1
+
+
+def test_p_values_of_an_irrelevant_misfit_are_not_smaller_than_uniform_ones() -> None:
+    p_values = draw_p_values(make_stationary_noise, 100, misfit=SHARED_SCALE * 0.2)
+    assert kstest(p_values, "uniform", alternative="greater").pvalue > 0.05
+
+
+def test_a_misfit_of_a_part_of_the_noise_has_a_small_p_value() -> None:
+    weak = draw_p_values(make_stationary_noise, 20, misfit=SHARED_SCALE * 0.6)
+    strong = draw_p_values(make_stationary_noise, 20, misfit=SHARED_SCALE * 3.0)
+    assert np.median(weak) < 0.1
+    assert max(strong) <= 2.0 / (1 + N_RANDOMIZATIONS)
+
+
+def test_a_short_trial_has_no_p_value() -> None:
+    rng, simulator = np.random.default_rng(0), Simulator(1)
+    rows = [rng.normal(size=200) for _ in range(2)]  # one second
+    residuals = [{"force": row} for row in rows]
+    experiments = make_repeats(rows)
+    data = WeightedData(simulator, experiments, estimate_noise_from_repeats(experiments, residuals))
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), ())
+    weighted = data.weight_residuals(residuals)
+    fit = Fit(hypothesis, np.zeros(0), weighted, np.empty((len(weighted), 0)), True, residuals)
+    assert compute_p_value(data, fit) is None
+    simulator.close()
