@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as student_t
 
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, compute_jacobian
+from klute_sim.diagnosis.fitting.profile_likelihood import Point, ResidualFunction, find_profile_limits
 from klute_sim.diagnosis.fitting.systematic_error import (
     CONFIDENCE_LEVEL,
     collect_shared_misfits,
@@ -44,16 +45,54 @@ class VarianceComponents(NamedTuple):
 def compute_confidence_intervals(data: WeightedData, fit: Fit) -> list[tuple[float, float]]:
     """Return the 95 % confidence interval of each parameter in its own unit.
 
-    Noise propagates to the parameters along the fit's Jacobian, and the deviations of repeats are realizations of it.
-    They might have occurred at any other time (:func:`estimate_spectral_variances`), which suits slow stationary noise,
-    or only where they occurred (:func:`estimate_block_variances`), which suits heteroscedastic noise; the wider
-    interval counts. Both variances are sums of squares from few repeats, so the interval uses Student's t with the
-    degrees of freedom of the sum.
+    Noise makes the interval of a number of the device as long as the Jacobian says (:func:`compute_noise_errors`). That
+    of a parameter of an effect reaches at least as far as the profile of chi squared says
+    (:mod:`klute_sim.diagnosis.fitting.profile_likelihood`); both agree where residuals are linear. Its ends may have
+    different distances from the fitted value, and an end may be at a bound.
 
-    Systematic errors (:mod:`klute_sim.diagnosis.fitting.systematic_error`) are added as independent errors are
-    (JCGM 100:2008, 5.1.2).
+    Systematic errors (:mod:`klute_sim.diagnosis.fitting.systematic_error`) are added on both sides as independent
+    errors are (JCGM 100:2008, 5.1.2).
     """
     pseudoinverse: Array = np.asarray(np.linalg.pinv(fit.jacobian), float)
+    noise_errors = compute_noise_errors(data, fit, pseudoinverse)
+    errors = np.stack([noise_errors, noise_errors], axis=1)
+    of_effects = [k for k, parameter in enumerate(fit.hypothesis.parameters) if parameter.term_index is not None]
+    if of_effects and not fit.has_diverged:
+        limits = find_profile_limits(
+            _make_residual_function(data, fit),
+            Point(fit.x, fit.weighted_residuals, fit.jacobian),
+            lambda weights: float(compute_noise_errors(data, fit, weights[np.newaxis])[0]),
+            of_effects,
+        )
+        errors[of_effects] = np.maximum(errors[of_effects], limits)
+    systematic_errors = [
+        *estimate_preparation_errors(data, fit, pseudoinverse),
+        estimate_misfit_error(collect_shared_misfits(data, fit, pseudoinverse)),
+    ]
+    systematic_variances = sum((error**2 for error in systematic_errors), np.zeros(len(errors)))
+    errors = np.sqrt(errors**2 + systematic_variances[:, np.newaxis])
+    lower, upper = fit.hypothesis.bounds()
+    intervals = [
+        (parameter.denormalize(low), parameter.denormalize(high))
+        for parameter, low, high in zip(
+            fit.hypothesis.parameters,
+            np.clip(fit.x - errors[:, 0], lower, upper),
+            np.clip(fit.x + errors[:, 1], lower, upper),
+            strict=True,
+        )
+    ]
+    return [(min(ends), max(ends)) for ends in intervals]
+
+
+def compute_noise_errors(data: WeightedData, fit: Fit, pseudoinverse: Array) -> Array:
+    """Return the half width of the 95 % interval of each normalized parameter, (parameters,), due to noise.
+
+    Noise propagates to the parameters along the ``pseudoinverse`` of the fit's Jacobian, and the deviations of repeats
+    are realizations of it. They might have occurred at any other time (:func:`estimate_spectral_variances`), which
+    suits slow stationary noise, or only where they occurred (:func:`estimate_block_variances`), which suits
+    heteroscedastic noise; the wider interval counts. Both variances are sums of squares from few repeats, so the
+    interval uses Student's t with the degrees of freedom of the sum.
+    """
     groups = _group_influences(data, fit, pseudoinverse)
     n_priors = fit.hypothesis.n_device_parameters
     prior_variances = (pseudoinverse[:, pseudoinverse.shape[1] - n_priors :] ** 2).sum(axis=1)
@@ -66,22 +105,35 @@ def compute_confidence_intervals(data: WeightedData, fit: Fit) -> list[tuple[flo
                 0.5 + 0.5 * CONFIDENCE_LEVEL, combine_degrees_of_freedom(components, freedom, prior_variances[k])
             )
             half_widths[k] = max(half_widths[k], quantile * np.sqrt(components.sum() + prior_variances[k]))
-    systematic_errors = [
-        *estimate_preparation_errors(data, fit, pseudoinverse),
-        estimate_misfit_error(collect_shared_misfits(data, fit, pseudoinverse)),
-    ]
-    half_widths = np.sqrt(half_widths**2 + sum((error**2 for error in systematic_errors), np.zeros(len(half_widths))))
-    lower, upper = fit.hypothesis.bounds()
-    intervals = [
-        (parameter.denormalize(low), parameter.denormalize(high))
-        for parameter, low, high in zip(
-            fit.hypothesis.parameters,
-            np.clip(fit.x - half_widths, lower, upper),
-            np.clip(fit.x + half_widths, lower, upper),
-            strict=True,
-        )
-    ]
-    return [(min(ends), max(ends)) for ends in intervals]
+    return half_widths
+
+
+def _make_residual_function(data: WeightedData, fit: Fit) -> ResidualFunction:
+    """Return the weighted residuals as a function of the normalized parameters.
+
+    Repeats share the changes of their residuals from those of ``fit``, as they share derivatives. Derivatives are from
+    coarse simulations.
+    """
+    hypothesis = fit.hypothesis
+    indices = sorted(set(data.representatives))
+    positions = [indices.index(index) for index in data.representatives]
+    trials = data.with_experiments([data.experiments[index] for index in indices])
+
+    def evaluate(points: Sequence[Array]) -> list[Array]:
+        vectors = []
+        for x, rows in zip(points, trials.compute_residuals(hypothesis, points, may_diverge=True), strict=True):
+            changes = [
+                {channel: value - fit.residuals[index][channel] for channel, value in row.items()}
+                for index, row in zip(indices, rows, strict=True)
+            ]
+            change = data.weight_residuals([changes[position] for position in positions])
+            vectors.append(fit.weighted_residuals + np.append(change, (x - fit.x)[: hypothesis.n_device_parameters]))
+        return vectors
+
+    def differentiate(x: Array) -> Array:
+        return compute_jacobian(data, hypothesis, x, coarse=True)
+
+    return ResidualFunction(evaluate, differentiate, *hypothesis.bounds())
 
 
 def combine_degrees_of_freedom(variances: Array, degrees_of_freedom: Array, exact_variance: float = 0.0) -> float:

@@ -280,6 +280,31 @@ def linearize(data: WeightedData, hypothesis: Hypothesis, x: Array) -> tuple[Arr
     return problem.evaluate_fine(x)[0], problem.jacobian(x)
 
 
+def compute_jacobian(data: WeightedData, hypothesis: Hypothesis, x: Array, *, coarse: bool) -> Array:
+    """Return the derivative of the weighted residuals and those of the priors at normalized parameters ``x``.
+
+    It consists of one-sided differences within the bounds, in one batch. A parameter whose small change makes a
+    simulation diverge gets a derivative of 0: it stays where it is.
+    """
+    n_priors = hypothesis.n_device_parameters
+    signs = np.where(x + FINITE_DIFFERENCE_STEP > hypothesis.bounds()[1], -1.0, 1.0)
+    points = [x + FINITE_DIFFERENCE_STEP * sign * unit for sign, unit in zip(signs, np.eye(len(x)), strict=True)]
+    before, *after = (hypothesis.build_setups(point, data.experiments) for point in (x, *points))
+    columns = [
+        np.concatenate([data.weight_residuals(changes) / (FINITE_DIFFERENCE_STEP * sign), prior])
+        for changes, sign, prior in zip(
+            data.compute_changes(before, after, coarse=coarse),
+            signs,
+            np.eye(len(x), n_priors),
+            strict=True,
+        )
+    ]
+    for column in columns:
+        if not np.isfinite(column).all():
+            column[:] = 0.0
+    return np.stack(columns, axis=1)
+
+
 class _LeastSquaresProblem:
     """Weighted residuals and their Jacobian as functions of the normalized parameters.
 
@@ -289,7 +314,6 @@ class _LeastSquaresProblem:
 
     def __init__(self, data: WeightedData, hypothesis: Hypothesis, x0: Array, *, coarse: bool) -> None:
         self._data, self._hypothesis, self._coarse = data, hypothesis, coarse
-        self._upper = hypothesis.bounds()[1]
         self._fine_cache: dict[bytes, tuple[Array, Residuals]] = {}
         self.coarse_error: Array | float = 0.0
         """Error of the weighted residuals at the starting point."""
@@ -310,27 +334,8 @@ class _LeastSquaresProblem:
         return self._evaluate_points([x])[0] - self.coarse_error if self._coarse else self.evaluate_fine(x)[0]
 
     def jacobian(self, x: Array) -> Array:
-        """Return the Jacobian of :meth:`evaluate` by one-sided differences within the bounds, in one batch.
-
-        A parameter whose small change makes a simulation diverge gets a derivative of 0: it stays where it is.
-        """
-        signs = np.where(x + FINITE_DIFFERENCE_STEP > self._upper, -1.0, 1.0)
-        points = [x + FINITE_DIFFERENCE_STEP * sign * unit for sign, unit in zip(signs, np.eye(len(x)), strict=True)]
-        data, n_priors = self._data, self._hypothesis.n_device_parameters
-        before, *after = (self._hypothesis.build_setups(point, data.experiments) for point in (x, *points))
-        columns = [
-            np.concatenate([data.weight_residuals(changes) / (FINITE_DIFFERENCE_STEP * sign), prior])
-            for changes, sign, prior in zip(
-                data.compute_changes(before, after, coarse=self._coarse),
-                signs,
-                np.eye(len(x), n_priors),
-                strict=True,
-            )
-        ]
-        for column in columns:
-            if not np.isfinite(column).all():
-                column[:] = 0.0
-        return np.stack(columns, axis=1)
+        """Return the Jacobian of :meth:`evaluate`."""
+        return compute_jacobian(self._data, self._hypothesis, x, coarse=self._coarse)
 
     def _evaluate_points(self, points: Sequence[Array]) -> list[Array]:
         rows = self._data.compute_residuals(self._hypothesis, points, coarse=self._coarse, may_diverge=True)
