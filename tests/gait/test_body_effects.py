@@ -120,13 +120,18 @@ def test_replay_agrees_with_mujoco_on_a_prosthetic_foot(name: str) -> None:
     assert without > 10.0 * off
 
 
+def simulate_constant_load(foot: Foot, ground_moment: float) -> float:
+    """Return the dorsiflexion [rad] of ``foot`` that has rested under 800 N along the pylon and 100 N across it."""
+    still = np.zeros(3000)
+    inputs = ReplayInputs(still, still, still, still, still + ground_moment, still + 800.0, still + 100.0, still)
+    return float(simulate_replay(PLAIN.parameters, foot, inputs, STEP).ankle_angle[-1])
+
+
 def test_effects_have_the_expected_signs() -> None:
     """Each effect changes the dorsiflexion under a load in the expected direction."""
 
     def equilibrium_angle(foot: Foot) -> float:
-        still = np.zeros(3000)
-        inputs = ReplayInputs(still, still, still, still, still - 60.0, still + 800.0, still + 100.0, still)
-        return float(simulate_replay(PLAIN.parameters, foot, inputs, STEP).ankle_angle[-1])
+        return simulate_constant_load(foot, -60.0)
 
     forms = {f"{effect.name} {form.name}": apply_effect(effect, form) for effect, form in FORMS}
     plain = equilibrium_angle(FOOT)
@@ -150,6 +155,14 @@ def test_effects_have_the_expected_signs() -> None:
         plain + np.radians(0.05 * 57.0), rel=0.02
     )
     assert equilibrium_angle(forms["socket_pistoning axial"]) < plain
+    assert equilibrium_angle(forms["socket_pistoning damped"]) == pytest.approx(
+        equilibrium_angle(forms["socket_pistoning axial"]), abs=1e-6
+    )
+    # The pylon leans back by the compliance times the moment, and the load is nearer to the ankle then.
+    backward = np.radians(0.03) * (60.0 - 0.33 * 100.0)
+    reduced = equilibrium_angle(FOOT) - simulate_constant_load(FOOT, -60.0 + 0.33 * backward * 800.0)
+    for form in ("elastic", "damped"):
+        assert plain - equilibrium_angle(forms[f"socket_tilt {form}"]) == pytest.approx(reduced, rel=0.01)
     assert forms["inertia_error mass"].inertia == pytest.approx(1.4 * FOOT.inertia)
 
 
@@ -190,3 +203,25 @@ def test_elastic_foot_is_passive(form: str) -> None:
         lost += 4.0 * 3.0 * (amplitude - 3.0)
     assert work == pytest.approx(compliance * lost, abs=0.05)
     assert work > (0.0 if form == "linear" else 0.5)
+
+
+@pytest.mark.parametrize("name", ["socket_pistoning", "socket_tilt"])
+def test_damped_socket_is_passive(name: str) -> None:
+    """Its loop under a load at 1 Hz has the area of a spring in parallel with a dashpot."""
+    effect, form = next(pair for pair in FORMS if pair[0].name == name and pair[1].name == "damped")
+    foot, step, still = apply_effect(effect, form), 1e-4, FootInputs(0.0, 0.0, 0.0, 0.0, 0.0)
+    compliance, late, amplitude, arm = foot.socket_compliance, foot.socket_time_constant, 800.0, 1.0
+    if name == "socket_tilt":
+        compliance, late, arm = foot.tilt_compliance, foot.tilt_time_constant, foot.tilt_height
+    yielded = work = 0.0
+    for k in range(30000):
+        load = amplitude * np.sin(2.0 * np.pi * k * step)
+        if name == "socket_tilt":
+            after = law.step_socket_tilt(foot, yielded, still, load, step)
+        else:
+            after = law.step_socket_displacement(foot, yielded, still, load, step)
+        work += arm * load * (after - yielded) if k >= 20000 else 0.0
+        yielded = after
+    late *= 2.0 * np.pi
+    assert work == pytest.approx(np.pi * compliance * (arm * amplitude) ** 2 * late / (1.0 + late * late), rel=0.01)
+    assert work > 0.1

@@ -152,6 +152,10 @@ def test_backends_are_bit_identical() -> None:
         "keel_time_constant": 0.01,
         "keel_friction_angle": 1e-3,
         "socket_compliance": 1e-5,
+        "socket_time_constant": 0.01,
+        "tilt_compliance": 1e-3,
+        "tilt_time_constant": 0.01,
+        "tilt_height": 0.3,
     }
     device, foot = DEVICE.parameters, FOOT._replace(ankle_friction=1.0, min_angle=-0.05, **yielding)
     plain, compiled = (

@@ -107,6 +107,7 @@ BUILT_IN_EFFECTS = (
     body.FOOT_STIFFNESS,
     body.FOOT_HYSTERESIS,
     body.SOCKET_PISTONING,
+    body.SOCKET_TILT,
     joint.JOINT_FRICTION,
     joint.GUIDE_FRICTION,
     joint.JOINT_INERTIA,

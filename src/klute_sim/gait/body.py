@@ -19,20 +19,20 @@ UNREACHABLE_ANGLE = 1e3
 KEEL_JOINT = PROSTHESIS_PREFIX + "keel"
 """Joint of an elastic keel; a model with a rigid keel does not have it."""
 SOCKET_JOINT = PROSTHESIS_PREFIX + "socket"
-"""Joint of an elastic socket; a model with a rigid socket does not have it."""
+"""Joint of a socket that is elastic along the pylon; a model with a rigid socket does not have it."""
+TILT_JOINT = PROSTHESIS_PREFIX + "tilt"
+"""Joint of a socket that is elastic in rotation; a model with a rigid socket does not have it."""
 COPY_SUFFIX = "_bent"
 """Suffix of copied elements until their originals are deleted."""
 HINGE_MASS_FRACTION = 0.3
 """Fraction of the mass of an elastic foot that stays with the hinge (assumed): MuJoCo needs a body with mass."""
-SOCKET_TIME_CONSTANT = 3e-3
-"""Time constant of a socket [s] (assumed): a tenth of the period of 2 kg on 100 N/mm."""
 
 
 def read_foot(model: mujoco.MjModel) -> Foot:
     """Return the foot of a ``model`` that contains ``ankle.xml`` under :data:`PROSTHESIS_PREFIX`.
 
     The heel spring is assumed rigid: it yields 3 mm under 1 kN, and a measured centre of pressure already contains the
-    shift. The damping of a socket is neglected.
+    shift.
     """
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
@@ -49,8 +49,10 @@ def read_foot(model: mujoco.MjModel) -> Foot:
     min_impedance, max_impedance, width = model.jnt_solimp[joint_id][:3]
     min_angle, max_angle = model.jnt_range[joint_id]
     bumper = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, BUMPER_TENDON)
-    keel, socket = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in (KEEL_JOINT, SOCKET_JOINT))
-    keel_dof = int(model.jnt_dofadr[keel])
+    keel, socket, tilt = (
+        mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in (KEEL_JOINT, SOCKET_JOINT, TILT_JOINT)
+    )
+    keel_dof, pylon = int(model.jnt_dofadr[keel]), model.body(PROSTHESIS_PREFIX + "pylon").id
     keel_stiffness = math.inf if keel < 0 else float(model.jnt_stiffness[keel])
     return Foot(
         inertia=float(mass_matrix[dof, dof]),
@@ -76,9 +78,24 @@ def read_foot(model: mujoco.MjModel) -> Foot:
         keel_compliance=1.0 / keel_stiffness,
         keel_time_constant=0.0 if keel < 0 else float(model.dof_damping[keel_dof]) / keel_stiffness,
         keel_friction_angle=0.0 if keel < 0 else float(model.dof_frictionloss[keel_dof]) / keel_stiffness,
-        socket_compliance=0.0 if socket < 0 else 1.0 / float(model.jnt_stiffness[socket]),
-        distal_mass=float(model.body_subtreemass[model.body(PROSTHESIS_PREFIX + "pylon").id]),
+        socket_compliance=_read_compliance(model, socket),
+        socket_time_constant=_read_time_constant(model, socket),
+        tilt_compliance=_read_compliance(model, tilt),
+        tilt_time_constant=_read_time_constant(model, tilt),
+        tilt_height=0.0 if tilt < 0 else float(model.jnt_pos[tilt, 2]),
+        distal_mass=float(model.body_subtreemass[pylon]),
+        distal_com_z=float((data.subtree_com[pylon] - ankle)[2]),
     )
+
+
+def _read_compliance(model: mujoco.MjModel, joint: int) -> float:
+    """Return the compliance [SI] of the spring of ``joint``; 0 for -1, a joint that the model does not have."""
+    return 0.0 if joint < 0 else 1.0 / float(model.jnt_stiffness[joint])
+
+
+def _read_time_constant(model: mujoco.MjModel, joint: int) -> float:
+    """Return the time constant [s] of spring and dashpot of ``joint``; 0 for -1."""
+    return 0.0 if joint < 0 else float(model.dof_damping[model.jnt_dofadr[joint]]) / float(model.jnt_stiffness[joint])
 
 
 def apply_foot(spec: mujoco.MjSpec, original: Foot, foot: Foot) -> None:
@@ -112,14 +129,21 @@ def apply_foot(spec: mujoco.MjSpec, original: Foot, foot: Foot) -> None:
         tendon.springlength = np.array([-UNREACHABLE_ANGLE, foot.bumper_onset_angle])
     if foot.keel_compliance != original.keel_compliance:
         _add_keel_joint(spec, foot)
-    if foot.socket_compliance != original.socket_compliance:
-        stiffness = 1.0 / foot.socket_compliance
-        slide, axis = mujoco.mjtJoint.mjJNT_SLIDE, (0, 0, 1)
-        socket = spec.body(PROSTHESIS_PREFIX + "pylon").add_joint(name=SOCKET_JOINT, type=slide, axis=axis)
-        socket.stiffness, socket.damping = (
-            np.array([stiffness, 0.0, 0.0]),
-            np.array([SOCKET_TIME_CONSTANT * stiffness, 0.0, 0.0]),
+    pylon = spec.body(PROSTHESIS_PREFIX + "pylon")
+    if foot.tilt_compliance != original.tilt_compliance:
+        tilt = pylon.add_joint(
+            name=TILT_JOINT, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 1, 0), pos=(0, 0, foot.tilt_height)
         )
+        _set_spring(tilt, 1.0 / foot.tilt_compliance, foot.tilt_time_constant)
+    if foot.socket_compliance != original.socket_compliance:
+        socket = pylon.add_joint(name=SOCKET_JOINT, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
+        _set_spring(socket, 1.0 / foot.socket_compliance, foot.socket_time_constant)
+
+
+def _set_spring(joint: mujoco.MjsJoint, stiffness: float, time_constant: float) -> None:
+    """Give ``joint`` a spring of ``stiffness`` [SI] and the dashpot with which it has ``time_constant`` [s]."""
+    joint.stiffness = np.array([stiffness, 0.0, 0.0])
+    joint.damping = np.array([time_constant * stiffness, 0.0, 0.0])
 
 
 def _add_keel_joint(spec: mujoco.MjSpec, foot: Foot) -> None:
@@ -139,9 +163,6 @@ def _add_keel_joint(spec: mujoco.MjSpec, foot: Foot) -> None:
     for body, fraction in ((keel, 1.0 - HINGE_MASS_FRACTION), (hinge, HINGE_MASS_FRACTION)):
         body.mass, body.inertia = fraction * hinge.mass, fraction * np.asarray(hinge.inertia)
     joint = keel.add_joint(name=KEEL_JOINT, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 1, 0))
-    joint.stiffness, joint.damping = (
-        np.array([stiffness, 0.0, 0.0]),
-        np.array([foot.keel_time_constant * stiffness, 0.0, 0.0]),
-    )
+    _set_spring(joint, stiffness, foot.keel_time_constant)
     joint.frictionloss = foot.keel_friction_angle * stiffness
     joint.solref_friction, joint.solimp_friction = FRICTION_SOLREF_SOLIMP

@@ -9,7 +9,9 @@ relative to the ankle and ``a`` the ankle's acceleration::
 
 with ``T r`` the device's tension times its moment arm. The base is prescribed: its acceleration is an input, and no
 force acts back on it. The foot may bend beyond the hinge (:func:`step_keel_angle`). The bending part is light, so its
-angle follows the moment, and it does not affect the hinge.
+angle follows the moment, and it does not affect the hinge. The limb may sink into its socket
+(:func:`step_socket_displacement`) and tilt in it (:func:`step_socket_tilt`); both move the ankle under the ground
+reaction.
 
 Springs, masses and sites are those of the MJCF. Stops and time step are MuJoCo's formulas (documentation,
 "Computation", solver parameters; the integrator *implicitfast*) for the single free coordinate.
@@ -72,8 +74,18 @@ class Foot(NamedTuple):
     """Lag of the bending by dry friction in the foot [rad]."""
     socket_compliance: float
     """Compliance of the socket along the pylon [m/N]."""
+    socket_time_constant: float
+    """Time constant of the socket along the pylon [s]: its damping times its compliance."""
+    tilt_compliance: float
+    """Compliance of the socket in rotation, in the sagittal plane [rad/(N.m)]."""
+    tilt_time_constant: float
+    """Time constant of this rotation [s]."""
+    tilt_height: float
+    """Height of its centre above the ankle axis, along the pylon [m]."""
     distal_mass: float
     """Mass of all parts below the socket [kg]."""
+    distal_com_z: float
+    """Upward position of the centre of mass of these parts, at a neutral ankle [m]."""
 
 
 class FootInputs(NamedTuple):
@@ -136,15 +148,42 @@ def step_keel_angle(foot: Foot, keel_angle: float, moment: float, dt: float) -> 
     )
 
 
-def socket_displacement(foot: Foot, inputs: FootInputs, axial_force: float) -> float:
-    """Return the displacement of the limb into its socket [m] under the ground reaction along the pylon [N].
+def step_socket_displacement(
+    foot: Foot, displacement: float, inputs: FootInputs, axial_force: float, dt: float
+) -> float:
+    """Return the displacement of the limb into its socket [m] after ``dt`` [s] from ``displacement`` [m].
 
-    The socket's load is the ground reaction minus weight and inertia of all parts below the socket.
+    ``axial_force`` [N] is the ground reaction along the pylon. The socket's load is this force minus weight and inertia
+    of all parts below the socket. The socket is a spring in parallel with a dashpot (backward Euler).
     """
+    if foot.socket_compliance == 0.0:
+        return 0.0
     up = (GRAVITY + inputs.ankle_acceleration_z) * math.cos(
         inputs.shank_angle
     ) + inputs.ankle_acceleration_x * math.sin(inputs.shank_angle)
-    return foot.socket_compliance * (axial_force - foot.distal_mass * up)
+    distance = foot.socket_compliance * (axial_force - foot.distal_mass * up) - displacement
+    return displacement + distance / (1.0 + foot.socket_time_constant / dt)
+
+
+def step_socket_tilt(foot: Foot, tilt: float, inputs: FootInputs, shear_force: float, dt: float) -> float:
+    """Return the lean of the pylon beyond that of the limb [rad], forward positive, after ``dt`` [s] from ``tilt``.
+
+    ``shear_force`` [N] is the ground reaction across the pylon, backward positive. The moment about the centre of
+    rotation, at the height ``h``, is that of the ground reaction about the ankle plus ``h shear_force``, and that of
+    weight and inertia of all parts below the socket, whose mass is a point here. The socket is a spring in parallel
+    with a dashpot (backward Euler).
+    """
+    if foot.tilt_compliance == 0.0:
+        return 0.0
+    across = inputs.ankle_acceleration_x * math.cos(inputs.shank_angle) - (
+        GRAVITY + inputs.ankle_acceleration_z
+    ) * math.sin(inputs.shank_angle)
+    moment = (
+        inputs.ground_moment
+        + foot.tilt_height * shear_force
+        + foot.distal_mass * (foot.tilt_height - foot.distal_com_z) * across
+    )
+    return tilt + (foot.tilt_compliance * moment - tilt) / (1.0 + foot.tilt_time_constant / dt)
 
 
 def gravity_and_inertia_moment(foot: Foot, angle: float, inputs: FootInputs) -> float:

@@ -14,6 +14,8 @@ MIN_KEEL_TIME_CONSTANT = 1e-3
 
 Assumed: too short to show in a gait run, and long enough for MuJoCo's time step at any stiffness of the foot.
 """
+MIN_SOCKET_TIME_CONSTANT = 3e-3
+"""Time constant of a socket without loss [s] (assumed): a tenth of the period of 2 kg on 100 N/mm."""
 
 
 def add_ankle_friction(p: Any, foot: Foot) -> Foot:
@@ -53,10 +55,18 @@ def scale_insertion(p: Any, foot: Foot) -> Foot:
 
 def scale_mass(p: Any, foot: Foot) -> Foot:
     """Return the foot with ``p.gain`` times the mass and the same shape."""
-    added_mass = (p.gain - 1.0) * foot.mass
-    return foot._replace(
-        mass=p.gain * foot.mass, inertia=p.gain * foot.inertia, distal_mass=foot.distal_mass + added_mass
-    )
+    heavier = add_distal_mass(foot, (p.gain - 1.0) * foot.mass)
+    return heavier._replace(mass=p.gain * foot.mass, inertia=p.gain * foot.inertia)
+
+
+def add_distal_mass(foot: Foot, mass: float) -> Foot:
+    """Return ``foot`` with ``mass`` [kg] more below the socket, at the centre of mass of the foot.
+
+    Mass and inertia of the foot itself do not change.
+    """
+    distal_mass = foot.distal_mass + mass
+    lift = mass / distal_mass * (foot.com_z - foot.distal_com_z)
+    return foot._replace(distal_mass=distal_mass, distal_com_z=foot.distal_com_z + lift)
 
 
 def add_keel_compliance(p: Any, foot: Foot) -> Foot:
@@ -88,8 +98,37 @@ def _add_compliance(foot: Foot, compliance: float, time_constant: float, frictio
 
 
 def add_socket_compliance(p: Any, foot: Foot) -> Foot:
-    """Return the foot on a socket with ``p.compliance`` [m/N] more compliance along the pylon."""
-    return foot._replace(socket_compliance=foot.socket_compliance + p.compliance)
+    """Return the foot on a socket that yields along the pylon by ``p.compliance`` [m/N], without loss."""
+    return _add_pistoning(foot, p.compliance, MIN_SOCKET_TIME_CONSTANT)
+
+
+def add_damped_socket(p: Any, foot: Foot) -> Foot:
+    """Return the foot on a socket that yields by ``p.compliance`` [m/N] along the pylon in ``p.time_constant`` [s]."""
+    return _add_pistoning(foot, p.compliance, max(p.time_constant, MIN_SOCKET_TIME_CONSTANT))
+
+
+def _add_pistoning(foot: Foot, compliance: float, time_constant: float) -> Foot:
+    """Return ``foot`` on a socket with ``compliance`` [m/N]; the socket of a foot is rigid without this effect."""
+    if compliance == 0.0:
+        return foot
+    return foot._replace(socket_compliance=compliance, socket_time_constant=time_constant)
+
+
+def add_socket_tilt(p: Any, foot: Foot) -> Foot:
+    """Return the foot on a socket that tilts by ``p.compliance`` [rad/(N.m)] about ``p.height`` [m], without loss."""
+    return _add_tilt(foot, p.compliance, p.height, MIN_SOCKET_TIME_CONSTANT)
+
+
+def add_damped_socket_tilt(p: Any, foot: Foot) -> Foot:
+    """Return the foot on a socket that tilts by ``p.compliance`` [rad/(N.m)] with ``p.time_constant`` [s]."""
+    return _add_tilt(foot, p.compliance, p.height, max(p.time_constant, MIN_SOCKET_TIME_CONSTANT))
+
+
+def _add_tilt(foot: Foot, compliance: float, height: float, time_constant: float) -> Foot:
+    """Return ``foot`` on a socket that tilts; the socket of a foot does not tilt without this effect."""
+    if compliance == 0.0:
+        return foot
+    return foot._replace(tilt_compliance=compliance, tilt_time_constant=time_constant, tilt_height=height)
 
 
 def _make_form(name: str, equation: str, law: Any, *parameters: EffectParameter) -> EffectForm:
@@ -249,6 +288,23 @@ FOOT_HYSTERESIS = Effect(
         ),
     ),
 )
+_SOCKET_SOURCE = "a range of 30 mm and 15 degrees was measured in one person (doi 10.1177/0309364615610660)"
+_PISTONING_COMPLIANCE = EffectParameter(
+    key="compliance_mm_per_kn",
+    neutral=0.0,
+    lower=0.0,
+    upper=60.0,
+    typical=10.0,
+    source=f"assumed: 8 mm under body weight; {_SOCKET_SOURCE}",
+)
+_SOCKET_TIME_CONSTANT = EffectParameter(
+    key="time_constant_s",
+    neutral=None,
+    lower=MIN_SOCKET_TIME_CONSTANT,
+    upper=0.3,
+    typical=0.03,
+    source="assumed: no damping of a socket was found; about a tenth of the loading time of the foot",
+)
 SOCKET_PISTONING = Effect(
     name="socket_pistoning",
     description=(
@@ -261,14 +317,56 @@ SOCKET_PISTONING = Effect(
             "axial",
             "ankle displacement = compliance F up the pylon, F the socket's load",
             add_socket_compliance,
-            EffectParameter(
-                key="compliance_mm_per_kn",
-                neutral=0.0,
-                lower=0.0,
-                upper=60.0,
-                typical=10.0,
-                source="assumed: 8 mm under body weight; up to 30 mm were measured (doi 10.1177/0309364615610660)",
-            ),
+            _PISTONING_COMPLIANCE,
+        ),
+        _make_form(
+            "damped",
+            "ankle displacement = d up the pylon, time dd/dt = compliance F - d",
+            add_damped_socket,
+            _PISTONING_COMPLIANCE,
+            _SOCKET_TIME_CONSTANT,
+        ),
+    ),
+)
+_TILT_COMPLIANCE = EffectParameter(
+    key="compliance_deg_per_n_m",
+    neutral=0.0,
+    lower=0.0,
+    upper=0.3,
+    typical=0.03,
+    source=f"assumed: 3 degrees under 100 N.m; {_SOCKET_SOURCE}",
+)
+_TILT_HEIGHT = EffectParameter(
+    key="height_mm",
+    neutral=None,
+    lower=100.0,
+    upper=600.0,
+    typical=330.0,
+    source="assumed: the middle of a socket, 0.1 m below the knee",
+)
+SOCKET_TILT = Effect(
+    name="socket_tilt",
+    description=(
+        "The limb rotates in its socket under load. It is visible if `ankle_x`, `ankle_z` and `shank_angle` are "
+        "derived from the limb above the socket and `ankle_angle` is measured on the prosthesis; exclude it if all "
+        "markers are on the prosthesis."
+    ),
+    kind="body",
+    forms=(
+        _make_form(
+            "elastic",
+            "pylon lean = limb lean + compliance M, M the moment about height above the ankle",
+            add_socket_tilt,
+            _TILT_COMPLIANCE,
+            _TILT_HEIGHT,
+        ),
+        _make_form(
+            "damped",
+            "pylon lean = limb lean + e, time de/dt = compliance M - e, M the moment about height above the ankle",
+            add_damped_socket_tilt,
+            _TILT_COMPLIANCE,
+            _TILT_HEIGHT,
+            _SOCKET_TIME_CONSTANT,
         ),
     ),
 )

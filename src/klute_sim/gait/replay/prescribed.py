@@ -4,7 +4,9 @@ The moment of the ground reaction about the ankle is ``-z F_x - (x_cop - x) F_z`
 ``z`` are the position of the ankle over the ground). It is interpolated linearly between samples of the load. A
 position of the ankle that was computed from the limb does not contain the displacement ``d`` of the limb in its socket.
 The ankle is then ``d (sin t, cos t)`` away from it (``t``: inclination of the shank), and the moment increases by ``d
-(F_z sin t - F_x cos t)``: the ground reaction across the pylon times ``d``.
+(F_z sin t - F_x cos t)``: the ground reaction across the pylon times ``d``. Where the pylon leans forward by ``e`` more
+than the limb, about a point at the height ``h``, the ankle lies ``h e`` further back, and the moment changes by ``-h e
+(F_z cos t + F_x sin t)``: the ground reaction along the pylon times this distance.
 
 Accelerations are second derivatives of the motion after a zero-lag low-pass filter, as usual for markers (Winter,
 Biomechanics and Motor Control of Human Movement, 4th ed. 2009, section 3.4). They only move 0.8 kg of foot.

@@ -95,6 +95,7 @@ def integrate(
     parameters = unpack_parameters(row)
     delay_steps = get_dead_time(parameters) / dt
     before, angle, velocity, keel_angle = DeviceState(pressure, length, internal_state), 0.0, 0.0, 0.0
+    displacement, tilt = 0.0, 0.0
     for n in range(-n_settling_steps, len(inputs)):
         k = max(n, 0)
         sample = inputs[k]
@@ -103,9 +104,12 @@ def integrate(
             if n >= 0
             else FootInputs(sample[0], 0.0, 0.0, 0.0, sample[4])
         )
-        ground_moment = foot_inputs.ground_moment + _foot.socket_displacement(foot, foot_inputs, sample[5]) * sample[6]
+        displacement = _foot.step_socket_displacement(foot, displacement, foot_inputs, sample[5], dt)
+        tilt = _foot.step_socket_tilt(foot, tilt, foot_inputs, sample[6], dt)
+        # Both move the ankle: along the pylon, and backward across it.
+        ground_moment = foot_inputs.ground_moment + displacement * sample[6] - foot.tilt_height * tilt * sample[5]
         foot_inputs = FootInputs(
-            foot_inputs.shank_angle,
+            foot_inputs.shank_angle + tilt,
             foot_inputs.shank_angular_acceleration,
             foot_inputs.ankle_acceleration_x,
             foot_inputs.ankle_acceleration_z,
