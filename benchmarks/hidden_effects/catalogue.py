@@ -138,6 +138,19 @@ BODY_EFFECTS: Forms = {
         "moment_n_m": HiddenParameter(0.1, 30, 3, None),
     },
     ("socket_pistoning", "axial"): {"compliance_mm_per_kn": HiddenParameter(0, 60, 10)},
+    ("socket_pistoning", "damped"): {
+        "compliance_mm_per_kn": HiddenParameter(0, 60, 10),
+        "time_constant_s": HiddenParameter(0.003, 0.3, 0.03, None),
+    },
+    ("socket_tilt", "elastic"): {
+        "compliance_deg_per_n_m": HiddenParameter(0, 0.3, 0.03),
+        "height_mm": HiddenParameter(100, 600, 330, None),
+    },
+    ("socket_tilt", "damped"): {
+        "compliance_deg_per_n_m": HiddenParameter(0, 0.3, 0.03),
+        "height_mm": HiddenParameter(100, 600, 330, None),
+        "time_constant_s": HiddenParameter(0.003, 0.3, 0.03, None),
+    },
 }
 """Effects of foot, ankle and socket, which show in gait."""
 

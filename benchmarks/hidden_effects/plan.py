@@ -33,7 +33,7 @@ BLOCK_SIZES = {
     "twin": 10,
     "repeats": 24,
     "defective": 10,
-    "walk": 54,
+    "walk": 63,
     "walk_clean": 40,
     "imperfect": 60,
     "faint_outside": 24,
@@ -97,8 +97,14 @@ JOINT_CASES: tuple[tuple[str, str, str | None], ...] = (
 )
 """Hidden cases of a joint: name, form, and the channel of an instrument or the tendon of the only device that has it.
 """
+LATER_GAIT_CASES: tuple[tuple[str, str, str | None], ...] = (
+    ("socket_tilt", "elastic", None),
+    ("socket_pistoning", "damped", None),
+    ("socket_tilt", "damped", None),
+)
+"""Hidden cases of the walks after the first :data:`FIRST_GAIT_DATASETS`."""
 GAIT_CASES: tuple[tuple[str, str, str | None], ...] = (
-    *((name, form, None) for name, form in BODY_EFFECTS),
+    *((name, form, None) for name, form in BODY_EFFECTS if (name, form, None) not in LATER_GAIT_CASES),
     ("seal_friction", "coulomb", None),
     ("pressure_lag", "first_order", None),
     ("braid_hysteresis", "coulomb", None),
@@ -107,7 +113,12 @@ GAIT_CASES: tuple[tuple[str, str, str | None], ...] = (
     ("sensor_gain", "gain", "force"),
     ("sensor_lag", "first_order", "ankle_angle"),
 )
-"""Hidden cases in gait: all effects of the body, some of the device and of instruments."""
+"""Hidden cases in gait: effects of the body, some of the device and of instruments."""
+FIRST_GAIT_DATASETS = 3 * len(GAIT_CASES)
+"""Number of walks with :data:`GAIT_CASES`, each at every size. Cases that came later follow: no dataset changes."""
+SOCKET_HEIGHTS_MM = (250.0, 400.0)
+"""Range of the height of the centre about which a socket tilts, above the ankle [mm]: from one end of a socket to the
+other."""
 DEFECTS = ("dead_channel", "no_repeats", "no_excitation", "clock_backwards", "saturated_force")
 EXCLUSIVE_PAIRS = (
     {"volume_coupling", "choked_valve"},
@@ -208,12 +219,17 @@ def _block_content(block: str, index: int, rng: np.random.Generator | None) -> D
                 return {"law_error": error}
             return {**_draw_joint_case(JOINT_CASES[(2 * (index // 3) + index % 3) % 6], rng, 30.0), "law_error": error}
         case "walk":
-            turn, position = divmod(index, len(GAIT_CASES))
-            name, form, channel = GAIT_CASES[position]
+            later = index - FIRST_GAIT_DATASETS
+            cases = GAIT_CASES if later < 0 else LATER_GAIT_CASES
+            turn, position = divmod(index if later < 0 else later, len(cases))
+            name, form, channel = cases[position]
             wanted = TARGET_SIZES[turn % len(TARGET_SIZES)]
             if channel:
                 return _draw_fault((name, form), channel, rng, wanted)
-            return {"effects": [draw_effect(EFFECTS | BODY_EFFECTS, (name, form), rng, wanted)]}
+            effect = draw_effect(EFFECTS | BODY_EFFECTS, (name, form), rng, wanted)
+            if rng is not None and "height_mm" in effect["parameters"]:
+                effect["parameters"]["height_mm"] = float(f"{rng.uniform(*SOCKET_HEIGHTS_MM):.6g}")
+            return {"effects": [effect]}
         case "defective":
             return {"defect": DEFECTS[index % len(DEFECTS)]}
         case "single":

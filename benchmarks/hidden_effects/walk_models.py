@@ -1,7 +1,7 @@
 """Effects of the body, applied to the MJCF differently from the package.
 
-The package attaches a compliant foot to the lever of the ankle; here the lever is attached to the foot. The other
-effects are single MuJoCo attributes.
+The package attaches a compliant foot to the lever of the ankle; here the lever is attached to the foot. The package
+lets the pylon tilt on the socket; here the socket tilts on the limb. The other effects are single MuJoCo attributes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -94,10 +94,28 @@ def _add_foot_compliance(spec: mujoco.MjSpec, parameters: EffectParameters) -> N
 
 
 def _add_socket_slide(spec: mujoco.MjSpec, parameters: EffectParameters) -> None:
-    """Add a slide between limb and pylon with a tenth of critical damping for 2 kg."""
+    """Add a slide between limb and pylon; without a time constant it has a tenth of critical damping for 2 kg."""
     stump = spec.body("prosthesis_pylon").add_joint(name="stump", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
     stiffness = 1e6 / parameters["compliance_mm_per_kn"]
-    stump.stiffness, stump.damping = np.array([stiffness, 0, 0]), np.array([0.2 * np.sqrt(2.0 * stiffness), 0, 0])
+    light = 0.2 * np.sqrt(2.0 * stiffness)
+    damping = parameters["time_constant_s"] * stiffness if "time_constant_s" in parameters else light
+    stump.stiffness, stump.damping = np.array([stiffness, 0, 0]), np.array([damping, 0, 0])
+
+
+def _add_socket_hinge(spec: mujoco.MjSpec, parameters: EffectParameters) -> None:
+    """Let the socket, with its liner, turn on the limb; the package turns the pylon on the socket.
+
+    Without a time constant it has a tenth of critical damping for 2 kg at the ankle.
+    """
+    height = 1e-3 * parameters["height_mm"]
+    position = np.asarray(spec.frame("socket_end").pos) + np.array([0.0, 0.0, height])
+    rocking = spec.body("socket").add_joint(
+        name="rocking", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 1, 0), pos=position
+    )
+    stiffness = 1.0 / np.radians(parameters["compliance_deg_per_n_m"])
+    light = 0.2 * height * np.sqrt(2.0 * stiffness)
+    damping = parameters["time_constant_s"] * stiffness if "time_constant_s" in parameters else light
+    rocking.stiffness, rocking.damping = np.array([stiffness, 0, 0]), np.array([damping, 0, 0])
 
 
 SPEC_EDITS: Mapping[tuple[str, str], SpecEdit] = {
@@ -112,6 +130,9 @@ SPEC_EDITS: Mapping[tuple[str, str], SpecEdit] = {
     ("foot_hysteresis", "viscous"): _add_foot_compliance,
     ("foot_hysteresis", "coulomb"): _add_foot_compliance,
     ("socket_pistoning", "axial"): _add_socket_slide,
+    ("socket_pistoning", "damped"): _add_socket_slide,
+    ("socket_tilt", "elastic"): _add_socket_hinge,
+    ("socket_tilt", "damped"): _add_socket_hinge,
 }
 
 

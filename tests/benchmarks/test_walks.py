@@ -26,7 +26,9 @@ IDS = [f"{name}-{form}" for name, form in benchmark.BODY_EFFECTS]
 
 
 def test_hidden_body_effects_equal_those_of_catalogue() -> None:
-    every = [(e.name, form.name) for e in catalogue.get_effects().values() if e.kind == "body" for form in e.forms]
+    every = [
+        (e.name, form.name) for e in catalogue.get_named_effects().values() if e.kind == "body" for form in e.forms
+    ]
     assert set(every) - set(benchmark.BODY_EFFECTS) == {("ankle_friction", "both")}  # made of the other two
     assert set(benchmark.BODY_EFFECTS) == set(walk_models.SPEC_EDITS)
     for (name, form), own in benchmark.BODY_EFFECTS.items():
@@ -48,11 +50,36 @@ def test_mjcf_edits_agree_with_package(name: str, form: str) -> None:
         assert model.tendon_lengthspring[bumper, 1] == pytest.approx(wanted.bumper_onset_angle)
     elif name == "socket_pistoning":
         assert 1.0 / model.joint("stump").stiffness[0] == pytest.approx(wanted.socket_compliance)
+        if form == "damped":
+            damping = model.dof_damping[model.joint("stump").dofadr[0]]
+            assert damping * wanted.socket_compliance == pytest.approx(wanted.socket_time_constant)
+    elif name == "socket_tilt":
+        joint, data = model.joint("rocking"), mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        assert 1.0 / joint.stiffness[0] == pytest.approx(wanted.tilt_compliance)
+        height = data.xanchor[joint.id, 2] - data.joint("prosthesis_ankle").xanchor[2]
+        assert height == pytest.approx(wanted.tilt_height)
+        if form == "damped":
+            assert model.dof_damping[joint.dofadr[0]] * wanted.tilt_compliance == pytest.approx(
+                wanted.tilt_time_constant
+            )
     elif name.startswith("foot_"):
         bends_like(model, wanted)
     else:
         assert read_foot(model) == pytest.approx(wanted, rel=1e-9)
         assert read_foot(model) != pytest.approx(FOOT, rel=1e-3)
+
+
+def test_later_cases_change_no_earlier_walk() -> None:
+    """The first walks hide what they did before the later cases existed."""
+    specs = plan.plan_datasets("walk", plan.BLOCK_SIZES["walk"], 101)
+    hidden = [(spec.get("effects") or spec["instruments"])[0] for spec in specs]
+    names = [(effect["name"], effect["form"]) for effect in hidden]
+    first = plan.FIRST_GAIT_DATASETS
+    assert (first, len(specs)) == (54, 63)
+    assert names[:first] == 3 * [case[:2] for case in plan.GAIT_CASES]
+    assert names[first:] == 3 * [case[:2] for case in plan.LATER_GAIT_CASES]
+    assert (hidden[0]["parameters"], hidden[0]["wanted"]) == ({"moment_n_m": 2.26909}, 2.0)
 
 
 def bends_like(model: mujoco.MjModel, foot: Foot) -> None:
@@ -135,7 +162,7 @@ def test_plan_covers_all_cases_and_sizes() -> None:
     specs = plan.plan_datasets("walk", plan.BLOCK_SIZES["walk"], 7)
     every = [(e["name"], e["form"], e.get("channel"), e["wanted"]) for s in specs for e in contents(s)]
     assert sorted(every, key=str) == sorted(
-        ((*one, size) for one in plan.GAIT_CASES for size in plan.TARGET_SIZES), key=str
+        ((*one, size) for one in (*plan.GAIT_CASES, *plan.LATER_GAIT_CASES) for size in plan.TARGET_SIZES), key=str
     )
     assert not any(contents(spec) for spec in plan.plan_datasets("walk_clean", 3, 7))
 
