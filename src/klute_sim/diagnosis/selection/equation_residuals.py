@@ -7,21 +7,14 @@ and the difference removes the influence of smoothing and sampling. The device i
 added effects, so its own numbers are not biased by them. Instruments are assumed to be correct.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from klute_sim.datasets.trial import TimeSeries
-from klute_sim.device.dynamics import (
-    ZERO_INTERNAL_STATE,
-    DeviceParameters,
-    compute_muscle_force,
-    compute_tendon_force,
-    has_internal_state,
-)
+from klute_sim.device.dynamics import DeviceParameters, has_internal_state
 from klute_sim.diagnosis.experiments.base import SimulationSetup
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import simulate_extrapolated
@@ -29,15 +22,14 @@ from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
+from klute_sim.diagnosis.selection.device_equations import compute_force_residuals, find_unlimited_samples
 from klute_sim.effects import catalogue
 from klute_sim.laws.pneumatics import SupplyParameters
-from klute_sim.types import Array, Mask
+from klute_sim.types import Array
 from klute_sim.units import BAR
 
 INSTANT_PRESSURE_RATE = 1e12
 """Pressure rate [Pa/s] of a regulator that follows every step instantly."""
-SMOOTHING_TIME = 0.05
-"""Window [s] over which lengths are smoothed for their rate."""
 MIN_SAMPLES = 10
 """Minimum number of samples of a trial."""
 NEGLIGIBLE_FRACTION = 0.1
@@ -115,23 +107,13 @@ def _compute_residual_series(experiment: BenchExperiment, parameters: DevicePara
         simulated = _simulate_samples(experiment, parameters)
     if "force" in measured and not has_internal_state(parameters):  # internal states are not measured
         measured_residuals, simulated_residuals = (
-            _compute_force_residuals({**simulated, **channels}, channels, parameters)
+            compute_force_residuals({**simulated, **channels}, channels, parameters)
             for channels in (measured, {channel: simulated[channel] for channel in measured})
         )
         for name in measured_residuals:
             residuals[name] = measured_residuals[name] - simulated_residuals[name]
-    is_inside = _find_unlimited_samples(experiment)
+    is_inside = find_unlimited_samples(measured, experiment.limits)
     return {name: TimeSeries(time[is_inside], value[is_inside]) for name, value in residuals.items()}
-
-
-def _find_unlimited_samples(experiment: BenchExperiment) -> Mask:
-    """Return which samples are inside the limits of all sensors; an equation needs the values themselves."""
-    is_inside = np.ones(len(next(iter(experiment.measured.values())).time), dtype=np.bool_)
-    for channel, limits in experiment.limits.items():
-        if channel in experiment.measured:
-            value = experiment.measured[channel].value
-            is_inside &= (value > limits.low) & (value < limits.high)
-    return is_inside
 
 
 def _with_measured_pressure(
@@ -156,40 +138,3 @@ def _simulate_samples(experiment: BenchExperiment, parameters: DeviceParameters)
     values = {"force": response.tension, "pressure": response.pressure, "muscle_length": response.muscle_length}
     inputs = {"time": time, "unit_length": np.interp(time, grid, experiment.unit_length)}
     return inputs | {name: np.interp(time, response.time, value) for name, value in values.items()}
-
-
-def _compute_force_residuals(
-    values: Mapping[str, Array], channels: Mapping[str, Array], parameters: DeviceParameters
-) -> dict[str, Array]:
-    """Return the load cell's force minus that of muscle and damper, and of the tendon [N]."""
-    force, unit_length, residuals, name = values["force"], values["unit_length"], {}, "muscle and damper"
-    tendon = parameters.tendon
-    if "muscle_length" in channels:
-        length = channels["muscle_length"]
-        if not tendon.is_rigid:
-            tendon_force = [
-                compute_tendon_force(parameters, ZERO_INTERNAL_STATE, *row)
-                for row in zip(length, unit_length, strict=True)
-            ]
-            residuals["tendon"] = force - np.array(tendon_force)
-    elif tendon.is_rigid:
-        length = unit_length - tendon.slack_length
-    else:
-        length = unit_length - tendon.slack_length - _solve_tendon_stretch(parameters, force)
-        name = "muscle, damper or tendon"
-    sampling_interval = float(np.median(np.diff(values["time"])))
-    window = max(5, 2 * round(0.5 * SMOOTHING_TIME / sampling_interval) + 1)
-    if len(length) > window:
-        rate = savgol_filter(length, window, 2, deriv=1, delta=sampling_interval)
-        rows = zip(values["pressure"], length, rate, strict=True)
-        muscle_force = [compute_muscle_force(parameters, ZERO_INTERNAL_STATE, *row) for row in rows]
-        residuals[name] = force - np.array(muscle_force)
-    return residuals
-
-
-def _solve_tendon_stretch(parameters: DeviceParameters, force: Array) -> Array:
-    """Return the tendon stretch [m] at ``force`` [N], interpolated in a table of the tendon's force."""
-    slack_length = parameters.tendon.slack_length
-    stretch = np.linspace(0.0, 0.5 * slack_length, 2001)
-    table = [compute_tendon_force(parameters, ZERO_INTERNAL_STATE, 0.0, slack_length + x) for x in stretch]
-    return np.interp(force, table, stretch)
