@@ -17,7 +17,7 @@ from klute_sim.report.effects import text as words
 
 PLAIN = load_device("klute-1-1-4-pair")
 FOOT = build_device_foot(PLAIN)
-FORMS = [(e, form) for e in catalogue.get_effects().values() if e.kind == "body" for form in e.forms]
+FORMS = [(e, form) for e in catalogue.get_named_effects().values() if e.kind == "body" for form in e.forms]
 IDS = [f"{effect.name}-{form.name}" for effect, form in FORMS]
 ALL_FORMS = pytest.mark.parametrize(("effect", "form"), FORMS, ids=IDS)
 STEP = 5e-4
@@ -225,3 +225,32 @@ def test_damped_socket_is_passive(name: str) -> None:
     late *= 2.0 * np.pi
     assert work == pytest.approx(np.pi * compliance * (arm * amplitude) ** 2 * late / (1.0 + late * late), rel=0.01)
     assert work > 0.1
+
+
+def test_unknown_moment_is_the_stated_sum() -> None:
+    """Each function at a dorsiflexion of 7.5 degrees, 50 N.m, 500 N and 2.5 bar, where each input is one half."""
+    (form,) = catalogue.get_effects()["unknown_ankle_moment"].forms
+    at = -np.radians(7.5), -50.0, 500.0, 2.5e5
+    expected = {"offset_n_m": 1.0, "angle_n_m": 0.5, "load_n_m": 0.5, "force_n_m": 0.5, "pressure_n_m": 0.5}
+    products = ("angle_squared", "load_squared", "load_angle", "load_force", "pressure_angle")
+    expected |= {f"{name}_n_m": 0.25 for name in products}
+    assert {p.key for p in form.parameters} == {*expected, "friction_n_m", "damping_n_m_s"}
+    for key, factor in expected.items():
+        foot = catalogue.apply_body_effects({("unknown_ankle_moment", "sparse"): {key: 8.0}}, FOOT)
+        assert law.unknown_moment(foot, *at) == pytest.approx(8.0 * factor), key
+        beyond = law.unknown_moment(foot, *(1e6 * value for value in at))
+        assert abs(beyond) <= 8.0 * 4.0 + 1e-9
+    assert catalogue.apply_body_effects({("unknown_ankle_moment", "sparse"): {}}, FOOT) == FOOT
+    rubbing = {"friction_n_m": 2.0, "damping_n_m_s": 3.0}
+    foot = catalogue.apply_body_effects({("unknown_ankle_moment", "sparse"): rubbing}, FOOT)
+    assert (foot.ankle_friction, foot.ankle_damping) == (2.0 + FOOT.ankle_friction, 3.0 + FOOT.ankle_damping)
+
+
+def test_unknown_moment_turns_the_ankle_as_a_ground_reaction_does() -> None:
+    """A constant one is a part of the load's moment, and of the ankle's own moment."""
+    foot = catalogue.apply_body_effects({("unknown_ankle_moment", "sparse"): {"offset_n_m": 8.0}}, FOOT)
+    inputs = create_inputs()
+    shifted = simulate_replay(PLAIN.parameters, foot, inputs, STEP)
+    pushed = simulate_replay(PLAIN.parameters, FOOT, inputs._replace(ground_moment=inputs.ground_moment + 8.0), STEP)
+    assert shifted.ankle_angle == pytest.approx(pushed.ankle_angle, abs=1e-12)
+    assert shifted.ankle_moment == pytest.approx(pushed.ankle_moment + 8.0)

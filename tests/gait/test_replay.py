@@ -156,6 +156,8 @@ def test_backends_are_bit_identical() -> None:
         "tilt_compliance": 1e-3,
         "tilt_time_constant": 0.01,
         "tilt_height": 0.3,
+        "unknown_load": 3.0,
+        "unknown_angle_squared": 1.0,
     }
     device, foot = DEVICE.parameters, FOOT._replace(ankle_friction=1.0, min_angle=-0.05, **yielding)
     plain, compiled = (

@@ -8,7 +8,7 @@ from klute_sim.effects import catalogue
 from klute_sim.report.effects.formulas import format_equation
 
 EQUATIONS = sorted({form.equation for effect in catalogue.get_effects().values() for form in effect.forms})
-LAYOUT = re.compile(r"\\(?:left|right|mathrm|dfrac|frac|Delta|leq|geq|quad)|\\[ ,]")
+LAYOUT = re.compile(r"\\(?:left|right|mathrm|dfrac|frac|Delta|leq|geq|quad|cdot)|\\[ ,]")
 """Commands of LaTeX that stand for no word of an equation."""
 
 
@@ -35,6 +35,7 @@ def test_formula_has_every_symbol_of_the_equation_in_its_order(equation: str) ->
         ("a b / (c d)", r"\dfrac{a\,b}{c\,d}"),
         ("a + b / c", r"a + \dfrac{b}{c}"),
         ("P / 2 bar", r"\dfrac{P}{2\,\mathrm{bar}}"),
+        ("M / 100 N·m", r"\dfrac{M}{100\,\mathrm{N{\cdot}m}}"),
         ("(a + b)/(c - d)", r"\dfrac{a + b}{c - d}"),
         ("(a b)^2 (c)", r"(a\,b)^{2}\,(c)"),
         ("e^(2/3)", "e^{2/3}"),

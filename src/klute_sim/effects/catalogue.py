@@ -108,6 +108,7 @@ BUILT_IN_EFFECTS = (
     body.FOOT_HYSTERESIS,
     body.SOCKET_PISTONING,
     body.SOCKET_TILT,
+    discrepancy_terms.UNKNOWN_ANKLE_MOMENT,
     joint.JOINT_FRICTION,
     joint.GUIDE_FRICTION,
     joint.JOINT_INERTIA,
@@ -301,13 +302,15 @@ def find_slot(effect: str, form: str) -> chain.EffectSlot:
 def apply_body_effects(active_forms: Mapping[tuple[str, str], Mapping[str, float]], foot: Foot) -> Foot:
     """Return ``foot`` with the active forms of body effects, in the order of the catalogue; other effects are skipped.
 
-    ``active_forms`` maps (effect, form) to parameters by key, in the units of the keys.
+    ``active_forms`` maps (effect, form) to parameters by key, in the units of the keys. A missing parameter has its
+    neutral value.
     """
     for effect in get_effects().values():
         for form in effect.forms if effect.kind == "body" else ():
             parameters = active_forms.get((effect.name, form.name))
             if parameters is not None:
-                foot = form.laws["foot"](form.pack(parameters), foot)
+                neutral = {p.key: p.neutral for p in form.parameters if p.neutral is not None}
+                foot = form.laws["foot"](form.pack(neutral | dict(parameters)), foot)
     return foot
 
 

@@ -5,6 +5,7 @@ import math
 import mujoco
 import numpy as np
 
+from klute_sim.errors import InputError
 from klute_sim.laws.foot import Foot
 
 PROSTHESIS_PREFIX = "prosthesis_"
@@ -22,6 +23,8 @@ SOCKET_JOINT = PROSTHESIS_PREFIX + "socket"
 """Joint of a socket that is elastic along the pylon; a model with a rigid socket does not have it."""
 TILT_JOINT = PROSTHESIS_PREFIX + "tilt"
 """Joint of a socket that is elastic in rotation; a model with a rigid socket does not have it."""
+UNKNOWN_FIELDS = tuple(name for name in Foot._fields if name.startswith("unknown_"))
+"""Coefficients of the data-driven moment, which no MJCF model has."""
 COPY_SUFFIX = "_bent"
 """Suffix of copied elements until their originals are deleted."""
 HINGE_MASS_FRACTION = 0.3
@@ -85,6 +88,7 @@ def read_foot(model: mujoco.MjModel) -> Foot:
         tilt_height=0.0 if tilt < 0 else float(model.jnt_pos[tilt, 2]),
         distal_mass=float(model.body_subtreemass[pylon]),
         distal_com_z=float((data.subtree_com[pylon] - ankle)[2]),
+        **dict.fromkeys(UNKNOWN_FIELDS, 0.0),
     )
 
 
@@ -103,7 +107,14 @@ def apply_foot(spec: mujoco.MjSpec, original: Foot, foot: Foot) -> None:
 
     A bumper is a fixed tendon whose spring is slack up to its onset angle. An elastic foot consists of two bodies with
     a second hinge between them on the axis of the ankle. Centre of mass, origin and stops do not change.
+
+    Raises InputError for a foot with a data-driven moment: it depends on the measured load of a walk.
     """
+    if any(getattr(foot, name) != getattr(original, name) for name in UNKNOWN_FIELDS):
+        raise InputError(
+            "[effects.unknown_ankle_moment] represents the data of recorded walks and cannot be simulated in a gait "
+            "run; remove this section from the device file"
+        )
     joint = spec.joint(PROSTHESIS_PREFIX + "ankle")
     if foot.spring_stiffness != original.spring_stiffness:
         joint.stiffness = np.array([foot.spring_stiffness, 0.0, 0.0])  # coefficients of a polynomial

@@ -22,6 +22,15 @@ from typing import NamedTuple
 
 from klute_sim.constants import GRAVITY
 
+UNKNOWN_ANGLE_SCALE = math.radians(15.0)
+"""Dorsiflexion that normalizes angles in a data-driven moment [rad]."""
+UNKNOWN_MOMENT_SCALE = 100.0
+"""Moment that normalizes that of the ground reaction there [N.m]."""
+UNKNOWN_FORCE_SCALE = 1000.0
+"""Force that normalizes the ground reaction there [N]."""
+UNKNOWN_PRESSURE_SCALE = 5e5
+"""Pressure that normalizes pressures there [Pa]."""
+
 
 class Foot(NamedTuple):
     """A foot on its ankle; SI units, positions from the ankle axis, x forward and z up."""
@@ -86,6 +95,26 @@ class Foot(NamedTuple):
     """Mass of all parts below the socket [kg]."""
     distal_com_z: float
     """Upward position of the centre of mass of these parts, at a neutral ankle [m]."""
+    unknown_offset: float
+    """Data-driven moment [N.m], as all of these coefficients (:func:`unknown_moment`)."""
+    unknown_angle: float
+    """Coefficient of the dorsiflexion [N.m]."""
+    unknown_angle_squared: float
+    """Coefficient of its square [N.m]."""
+    unknown_load: float
+    """Coefficient of the moment of the ground reaction [N.m]."""
+    unknown_load_squared: float
+    """Coefficient of its square [N.m]."""
+    unknown_load_angle: float
+    """Coefficient of its product with the dorsiflexion [N.m]."""
+    unknown_force: float
+    """Coefficient of the ground reaction along the pylon [N.m]."""
+    unknown_load_force: float
+    """Coefficient of its product with the moment of the ground reaction [N.m]."""
+    unknown_pressure: float
+    """Coefficient of the pressure [N.m]."""
+    unknown_pressure_angle: float
+    """Coefficient of its product with the dorsiflexion [N.m]."""
 
 
 class FootInputs(NamedTuple):
@@ -192,6 +221,26 @@ def gravity_and_inertia_moment(foot: Foot, angle: float, inputs: FootInputs) -> 
     x = foot.com_x * cosine + foot.com_z * sine
     z = foot.com_z * cosine - foot.com_x * sine
     return foot.mass * (x * (GRAVITY + inputs.ankle_acceleration_z) - z * inputs.ankle_acceleration_x)
+
+
+def unknown_moment(foot: Foot, angle: float, ground_moment: float, axial_force: float, pressure: float) -> float:
+    """Return the data-driven moment about the ankle [N.m], plantarflexion positive; 0 where all coefficients are.
+
+    ``angle`` [rad] is plantarflexion, ``ground_moment`` [N.m] the moment of the ground reaction about the ankle,
+    ``axial_force`` [N] the ground reaction along the pylon, and ``pressure`` [Pa] the gauge pressure in the muscle.
+    Each is normalized and bounded.
+    """
+    a = min(max(-angle / UNKNOWN_ANGLE_SCALE, -2.0), 2.0)
+    load = min(max(-ground_moment / UNKNOWN_MOMENT_SCALE, -2.0), 2.0)
+    force = min(max(axial_force / UNKNOWN_FORCE_SCALE, 0.0), 2.0)
+    p = min(max(pressure / UNKNOWN_PRESSURE_SCALE, 0.0), 2.0)
+    return (
+        foot.unknown_offset
+        + a * (foot.unknown_angle + foot.unknown_angle_squared * a)
+        + load * (foot.unknown_load + foot.unknown_load_squared * load + foot.unknown_load_angle * a)
+        + force * (foot.unknown_force + foot.unknown_load_force * load)
+        + p * (foot.unknown_pressure + foot.unknown_pressure_angle * a)
+    )
 
 
 def end_stop_moment(foot: Foot, angle: float, velocity: float, free_acceleration: float) -> float:

@@ -123,9 +123,7 @@ class GaitExperiment(Experiment):
 
     def simulate(self, setup: SimulationSetup) -> DeviceResponse:
         """Simulate the replay; values are those at the start of each time step."""
-        body_effects = effects.select_effects(self.device.spec.effects, "body")
-        edits = {(edit.effect, edit.form): dict(edit.parameters) for edit in setup.body_edits}
-        foot = catalogue.apply_body_effects(body_effects | edits, self.foot)
+        foot = self.build_foot(setup)
         registration = Registration(*setup.registration)
         inputs = self.inputs
         if registration != NO_REGISTRATION_ERROR:
@@ -140,6 +138,12 @@ class GaitExperiment(Experiment):
             replay.ankle_angle + (self.alignment + registration.ankle_zero),
             replay.ankle_moment,
         )
+
+    def build_foot(self, setup: SimulationSetup) -> Foot:
+        """Return the foot with the effects of the body of the device and of ``setup``."""
+        body_effects = effects.select_effects(self.device.spec.effects, "body")
+        edits = {(edit.effect, edit.form): dict(edit.parameters) for edit in setup.body_edits}
+        return catalogue.apply_body_effects(body_effects | edits, self.foot)
 
     def perturb_inputs(self, delay: Callable[[Array], Array]) -> tuple[Experiment, Experiment, Experiment]:
         """Perturb the pressure, shift the centre of pressure, and delay the command."""

@@ -4,7 +4,8 @@ A disturbance in one equation shows in several channels. Here, the equations of 
 with the *measured* pressure, force and length, so that the misfit of one equation is not passed on to the others; the
 supply's equation is evaluated with the command. The same is done with channels simulated under the measured pressure,
 and the difference removes the influence of smoothing and sampling. The device is that of the final fit without the
-added effects, so its own numbers are not biased by them. Instruments are assumed to be correct.
+added effects, so its own numbers are not biased by them. Instruments are assumed to be correct. The ankle of a walk is
+in :mod:`~klute_sim.diagnosis.selection.gait_equations`.
 """
 
 from collections.abc import Sequence
@@ -17,12 +18,13 @@ from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.dynamics import DeviceParameters, has_internal_state
 from klute_sim.diagnosis.experiments.base import SimulationSetup
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
+from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.simulator import simulate_extrapolated
-from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.diagnosis.selection.device_equations import compute_force_residuals, find_unlimited_samples
+from klute_sim.diagnosis.selection.gait_equations import compute_walk_residual_series
 from klute_sim.effects import catalogue
 from klute_sim.laws.pneumatics import SupplyParameters
 from klute_sim.types import Array
@@ -39,6 +41,7 @@ EQUATION_UNITS = {
     "muscle and damper": ("N", 1.0),
     "muscle, damper or tendon": ("N", 1.0),
     "tendon": ("N", 1.0),
+    "ankle": ("N·m", 1.0),
 }
 """Display unit of each equation's residual, and this unit in SI."""
 
@@ -74,21 +77,27 @@ def compute_equation_residuals(data: WeightedData, final_fit: Fit) -> list[Equat
     """Return the residuals of the equations that the measured channels can check, most significant first.
 
     The supply needs the pressure; muscle and damper, and the tendon, need force and muscle length. Without a measured
-    muscle length, the force gives it through the tendon, and only the three together can be checked. The list is
-    empty without repeats, where channels have different clocks, and for gait trials, in which the unit length is not
-    prescribed. Only the supply is checked in a device with internal states.
+    muscle length, the force gives it through the tendon, and only the three together can be checked. The ankle of a
+    walk needs force and ankle angle; the unit length follows from this angle. The list is empty without repeats, and on
+    the bench where channels have different clocks. Muscle, damper and tendon are not checked in a device with internal
+    states.
     """
-    bench_experiments = [e for e in data.experiments if isinstance(e, BenchExperiment)]
+    experiments = [e for e in data.experiments if isinstance(e, BenchExperiment | GaitExperiment)]
     hypothesis = final_fit.hypothesis
-    if not bench_experiments:
+    if not experiments:
         return []
-    base = Hypothesis(hypothesis.device, hypothesis.uncertainties, hypothesis.noise_std)
-    setups = base.build_setups(final_fit.x[: base.n_device_parameters], bench_experiments)
-    series = [_compute_residual_series(e, setup.parameters) for e, setup in zip(bench_experiments, setups, strict=True)]
+    base = replace(hypothesis, terms=())
+    setups = base.build_setups(final_fit.x[: base.n_device_parameters], experiments)
+    series = [
+        _compute_residual_series(e, setup.parameters)
+        if isinstance(e, BenchExperiment)
+        else compute_walk_residual_series(e, setup)
+        for e, setup in zip(experiments, setups, strict=True)
+    ]
     residuals = [{name: equation.value for name, equation in trial.items()} for trial in series]
-    experiments = [replace(e, measured=trial) for e, trial in zip(bench_experiments, series, strict=True)]
-    noise = estimate_noise_from_repeats(experiments, residuals)
-    misfits = estimate_misfit(experiments, residuals, noise)
+    trials = [replace(e, measured=trial) for e, trial in zip(experiments, series, strict=True)]
+    noise = estimate_noise_from_repeats(trials, residuals)
+    misfits = estimate_misfit(trials, residuals, noise)
     equations = [EquationResidual(name, m.rms, m.significance, m.noise_rms) for name, m in misfits.items()]
     return sorted(equations, key=lambda equation: -equation.z_score)
 

@@ -33,6 +33,7 @@ DISCREPANCY_EFFECTS = {
     "muscle and damper": discrepancy_terms.UNKNOWN_FORCE,
     "muscle, damper or tendon": discrepancy_terms.UNKNOWN_FORCE,
     "tendon": discrepancy_terms.UNKNOWN_TENDON_FORCE,
+    "ankle": discrepancy_terms.UNKNOWN_ANKLE_MOMENT,
 }
 """Effect that is the data-driven term of each equation."""
 

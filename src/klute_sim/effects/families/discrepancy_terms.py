@@ -13,6 +13,7 @@ from typing import Any
 from klute_sim import units
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.smoothing import smooth_sign, step_slider
+from klute_sim.laws.foot import Foot
 from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.units import BAR
 
@@ -85,6 +86,25 @@ def sparse_pressure(coefficients: Any, state: Any, target: float, pressure: floa
         return effective_target
     time_constant = min(time_constant, MAX_TIME_CONSTANT)
     return pressure + dt / (time_constant + dt) * (effective_target - pressure)
+
+
+def sparse_ankle_moment(coefficients: Any, foot: Foot) -> Foot:
+    """Return the foot with a data-driven moment about the ankle (:func:`klute_sim.laws.foot.unknown_moment`)."""
+    c = coefficients
+    return foot._replace(
+        unknown_offset=c.offset,
+        unknown_angle=c.angle,
+        unknown_angle_squared=c.angle_squared,
+        unknown_load=c.load,
+        unknown_load_squared=c.load_squared,
+        unknown_load_angle=c.load_angle,
+        unknown_force=c.force,
+        unknown_load_force=c.load_force,
+        unknown_pressure=c.pressure,
+        unknown_pressure_angle=c.pressure_angle,
+        ankle_friction=foot.ankle_friction + c.friction,
+        ankle_damping=foot.ankle_damping + c.damping,
+    )
 
 
 _SOURCE = "assumed: no physics; range and typical value of a relevant force"
@@ -177,19 +197,48 @@ UNKNOWN_PRESSURE = Effect(
     ),
 )
 
+UNKNOWN_ANKLE_MOMENT = Effect(
+    name="unknown_ankle_moment",
+    description="No known effect explains the ankle's moment in a walk: a combination of functions fitted to data.",
+    kind="body",
+    data_driven=True,
+    forms=(
+        EffectForm(
+            name="sparse",
+            equation="M += sum_k a_k f_k, f_k: 1, a, a^2, l, l^2, l a, g, l g, p, p a, r, w; a = D/(15 deg), "
+            "l = M_g/(100 N·m), g = F/(1 kN), p = P/(5 bar), w = dD/dt, r = w/|w|; M plantarflexes and M_g "
+            "dorsiflexes; a and l and g and p up to 2",
+            parameters=(
+                *(
+                    _make_parameter(f"{name}_n_m", 200.0, 5.0)
+                    for name in (
+                        *("offset", "angle", "angle_squared", "load", "load_squared", "load_angle"),
+                        *("force", "load_force", "pressure", "pressure_angle"),
+                    )
+                ),
+                _make_parameter("friction_n_m", 50.0, 2.0, signed=False),
+                _make_parameter("damping_n_m_s", 20.0, 1.0, signed=False),
+            ),
+            laws={"foot": sparse_ankle_moment},
+        ),
+    ),
+)
+
 _BASIS_FUNCTIONS = {
     UNKNOWN_FORCE.name: ("p", "p^2", "b", "b e", "e", "e^2", "p e", "p e^2", "d", "p d", "e d", "s", "p s", "s |s|"),
     UNKNOWN_TENDON_FORCE.name: ("x", "x^2", "t"),
     UNKNOWN_PRESSURE.name: ("", "c", "c^2", "", "", "c", "f"),
+    UNKNOWN_ANKLE_MOMENT.name: ("", "a", "a^2", "l", "l^2", "l a", "g", "l g", "p", "p a", "r", "w"),
 }
 """Function of each parameter, by effect; '' for a constant term."""
 _SUM_LABELS = {
     "dead_band_bar": "dead band =",
+    UNKNOWN_ANKLE_MOMENT.name: "M +=",
     "N": "F +=",
     "bar": "target = command",
     "s": "dP/dt = (target - P)/tau, tau =",
 }
-"""Left side of the sum to which a parameter belongs, by parameter key or by unit."""
+"""Left side of the sum to which a parameter belongs, by parameter key, else by effect, else by unit."""
 _SYMBOL_MEANINGS = {
     "p": "P/(5 bar)",
     "b": "P/(P + 0.5 bar)",
@@ -200,6 +249,11 @@ _SYMBOL_MEANINGS = {
     "t": "stretch/(stretch + 1 mm)",
     "c": "command/(5 bar)",
     "f": "1 while P falls",
+    "a": "dorsiflexion/(15 deg)",
+    "l": "dorsiflexing moment of the ground reaction/(100 N·m)",
+    "g": "ground reaction along the pylon/(1 kN)",
+    "r": "1 while the ankle dorsiflexes, -1 while it plantarflexes",
+    "w": "velocity of dorsiflexion",
 }
 
 
@@ -213,7 +267,7 @@ def format_equation(effect: Effect, values: Mapping[str, float]) -> str:
     for parameter, function in zip(effect.forms[0].parameters, _BASIS_FUNCTIONS[effect.name], strict=True):
         value, unit = values.get(parameter.key, 0.0), units.split_unit(parameter.key)[1]
         if value != 0.0:
-            label = _SUM_LABELS.get(parameter.key) or _SUM_LABELS[unit]
+            label = next(_SUM_LABELS[key] for key in (parameter.key, effect.name, unit) if key in _SUM_LABELS)
             term = f" {'-' if value < 0.0 else '+'} {abs(value):.3g} {unit} {function}"
             sums[label] = sums.get(label, label) + term.rstrip()
             used += function

@@ -72,7 +72,8 @@ class ReplayResult(NamedTuple):
     ankle_angle: Array
     """Angle of the foot relative to the pylon, dorsiflexion positive [rad]: hinge and keel together."""
     ankle_moment: Array
-    """Moment of tendon, spring, damping, friction and stops about the ankle, plantarflexor positive [N.m]."""
+    """Moment of tendon, spring, damping, friction and stops about the ankle, plantarflexor positive [N.m]; with a
+    data-driven moment, if the foot has one."""
 
 
 def integrate(
@@ -108,20 +109,22 @@ def integrate(
         tilt = _foot.step_socket_tilt(foot, tilt, foot_inputs, sample[6], dt)
         # Both move the ankle: along the pylon, and backward across it.
         ground_moment = foot_inputs.ground_moment + displacement * sample[6] - foot.tilt_height * tilt * sample[5]
+        unknown = _foot.unknown_moment(foot, angle, ground_moment, sample[5], before.pressure)
         foot_inputs = FootInputs(
             foot_inputs.shank_angle + tilt,
             foot_inputs.shank_angular_acceleration,
             foot_inputs.ankle_acceleration_x,
             foot_inputs.ankle_acceleration_z,
-            ground_moment,
+            ground_moment + unknown,
         )
         unit_length = _foot.unit_length(foot, angle)
         after = advance_state(parameters, before, unit_length, interpolate_samples(command, n - delay_steps), dt)
         tension = compute_tension(parameters, after, unit_length, (after.length - before.length) / dt)
         ankle = _foot.step_ankle(foot, angle, velocity, tension, foot_inputs, dt)
-        keel_angle = _foot.step_keel_angle(foot, keel_angle, ankle.moment, dt)
+        moment = ankle.moment + unknown
+        keel_angle = _foot.step_keel_angle(foot, keel_angle, moment, dt)
         out[k, 0], out[k, 1], out[k, 2] = tension, after.pressure, after.length
-        out[k, 3], out[k, 4] = keel_angle - angle, ankle.moment
+        out[k, 3], out[k, 4] = keel_angle - angle, moment
         before, angle, velocity = after, ankle.angle, ankle.velocity
 
 

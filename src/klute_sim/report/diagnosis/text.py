@@ -21,7 +21,7 @@ MAX_DECIMALS = 9
 """Maximum number of decimals of values that differ little from each other."""
 MAX_NOISE_RATIO = 1.1
 """Largest ratio of a gap to the noise between repeats that is agreement."""
-QUANTITY_BY_UNIT = {"N": "force", "bar": "pressure"}
+QUANTITY_BY_UNIT = {"N": "force", "bar": "pressure", "N·m": "moment"}
 """Unit of an equation residual -> its quantity."""
 PROPER_NAMES = {name.lower(): name for name in ("Bouc", "Coulomb", "Maxwell", "Stribeck", "Wen")}
 """Parts of identifiers that are names of people."""

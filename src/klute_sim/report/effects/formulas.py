@@ -23,8 +23,8 @@ RELATIONS = {"=": "=", "<=": r"\leq", ">=": r"\geq", "+=": "=", "-=": "= -"}
 OPERATION_SIGNS = {"+", "-", "/", "/ ", "^", *RELATIONS}
 """Signs that make the word beside them a quantity."""
 TOKEN = re.compile(
-    r"(?P<space>\s*)(?:(?P<quantity>\d+(?:\.\d+)? (?:bar|deg|mm/s|mm)\b)|(?P<number>\d+(?:\.\d+)?)|(?P<word>[a-z]+'s)"
-    r"|(?P<name>[A-Za-z]+\d*(?:_[A-Za-z0-9]+)?'?)|(?P<symbol>/ |[+\-<>]=|[=+\-/^()|,;:]))"
+    r"(?P<space>\s*)(?:(?P<quantity>\d+(?:\.\d+)? (?:bar|deg|mm/s|mm|kN|N·m)\b)|(?P<number>\d+(?:\.\d+)?)"
+    r"|(?P<word>[a-z]+'s)|(?P<name>[A-Za-z]+\d*(?:_[A-Za-z0-9]+)?'?)|(?P<symbol>/ |[+\-<>]=|[=+\-/^()|,;:]))"
 )
 
 
@@ -216,7 +216,8 @@ class _Parser:
             return token.text
         if token.kind == "quantity":
             number, unit = token.text.split()
-            return rf"{number}\,\mathrm{{{unit}}}"
+            upright = unit.replace("·", r"{\cdot}")
+            return rf"{number}\,\mathrm{{{upright}}}"
         if self.token.text != "(" or self.token.follows_space:
             return _format_name(token.text)
         if token.text == "sqrt":

@@ -92,6 +92,12 @@ def describe_kind(description: dict[str, Any]) -> str:
         return (
             "An instrument effect. It is never part of a device file; a diagnosis tests it in every measured channel."
         )
+    if description["kind"] == "body" and description["data_driven"]:
+        return (
+            "A data-driven term of the ankle. It identifies no effect: a diagnosis of walks uses it where no effect "
+            "explains the data. It may generate energy, and it depends on the measured load, so `klute-sim gait` "
+            "refuses a device file that has it. A device file may omit coefficients that are 0."
+        )
     if description["kind"] == "body":
         return (
             "A body effect: it acts on the foot and the ankle. `klute-sim gait` and a diagnosis of gait trials include "
