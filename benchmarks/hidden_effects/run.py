@@ -60,7 +60,7 @@ FOLLOW_UP_MAKERS: Mapping[str, Callable[..., None]] = {
     "bench": follow_up.make_follow_up,
     "joint": joint_follow_up.make_follow_up,
 }
-"""Rig -> function that performs the proposed experiment; a verdict about walks proposes none."""
+"""Rig -> function that performs the proposed experiment; those of walks are not performed."""
 
 
 def compute_code_digest(rig: str = "bench") -> str:

@@ -6,6 +6,7 @@ verdict, and they decide which device is recommended.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -39,6 +40,7 @@ from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
 from klute_sim.diagnosis.noise.randomization import compute_p_value
 from klute_sim.diagnosis.planning.direct_measurements import list_direct_measurements
+from klute_sim.diagnosis.planning.gait_proposals import propose_gait_experiment
 from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
 from klute_sim.diagnosis.planning.proposals import propose_experiment
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
@@ -170,21 +172,26 @@ def _run_workflow(
     )
     if equivalent_models:
         diagnosis.direct_measurements = list_direct_measurements([final_fit, *(m.fit for m in equivalent_models)])
-    if equivalent_models and dataset.rig != "gait":  # nobody can command how a person walks
         progress(0.85, "searching for an experiment that separates the equivalent models")
-        rival = equivalent_models[0].fit
-        proposal = (
-            propose_experiment(selected.data, dataset.device, final_fit, rival)
-            if dataset.rig == "bench"
-            else propose_joint_experiment(selected.data, dataset, final_fit, rival)
-        )
-        diagnosis.next_experiment = None if proposal is None else proposal.to_dict()
+        diagnosis.next_experiment = _propose_next_experiment(selected.data, dataset, final_fit, equivalent_models[0].fit)
     progress(0.95, "evaluating the test trials")
     evaluate_held_out(diagnosis, search.data)
     diagnosis.n_simulations = simulator.n_rollouts
     diagnosis.fitted_device = augment_device(diagnosis.recommended_fit, dataset.folder.resolve().name)
     progress(1.0, "done")
     return diagnosis
+
+
+def _propose_next_experiment(data: WeightedData, dataset: Dataset, final_fit: Fit, rival: Fit) -> dict[str, Any] | None:
+    """Return the entry of ``verdict.json``; None where no experiment can be simulated."""
+    if dataset.rig == "bench":
+        return propose_experiment(data, dataset.device, final_fit, rival).to_dict()
+    proposal = (
+        propose_gait_experiment(data, final_fit, rival)
+        if dataset.rig == "gait"
+        else propose_joint_experiment(data, dataset, final_fit, rival)
+    )
+    return None if proposal is None else proposal.to_dict()
 
 
 def fit_base_device(

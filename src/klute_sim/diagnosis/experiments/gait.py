@@ -69,6 +69,8 @@ class GaitExperiment(Experiment):
     """Alignment of the pylon to the limb [rad], dorsiflexion positive."""
     mean_stride_time: float = field(kw_only=True)
     """Mean stride time over all repeats [s]."""
+    foot_change: Callable[[Foot], Foot] | None = field(default=None, kw_only=True)
+    """Known change of the foot, after all effects; None without one."""
 
     @cached_property
     def coarse_variant(self) -> Experiment:
@@ -140,10 +142,11 @@ class GaitExperiment(Experiment):
         )
 
     def build_foot(self, setup: SimulationSetup) -> Foot:
-        """Return the foot with the effects of the body of the device and of ``setup``."""
+        """Return the foot with the effects of the body of the device and of ``setup``, and with its known change."""
         body_effects = effects.select_effects(self.device.spec.effects, "body")
         edits = {(edit.effect, edit.form): dict(edit.parameters) for edit in setup.body_edits}
-        return catalogue.apply_body_effects(body_effects | edits, self.foot)
+        foot = catalogue.apply_body_effects(body_effects | edits, self.foot)
+        return foot if self.foot_change is None else self.foot_change(foot)
 
     def perturb_inputs(self, delay: Callable[[Array], Array]) -> tuple[Experiment, Experiment, Experiment]:
         """Perturb the pressure, shift the centre of pressure, and delay the command."""

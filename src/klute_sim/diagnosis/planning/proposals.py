@@ -6,7 +6,7 @@ separation. No command separates some pairs: a second instrument distinguishes a
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,11 @@ N_REPEATS = 2.0
 """Number of repeats of the proposed experiment."""
 MIN_SEPARATION_RATIO = 2.0
 """Separation with a change of the rig over that without, above which the change is proposed."""
+NOT_SEPARABLE = (
+    "No known protocol or change of the rig separates these models; treat them as one until another kind of "
+    "measurement does."
+)
+"""Sentence where no proposal is decisive."""
 SUFFICIENT_SEPARATION = 10.0 * BIC_THRESHOLD
 """Separation without a change of the rig, from which no change is proposed."""
 
@@ -78,10 +83,7 @@ class ExperimentProposal(NamedTuple):
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``verdict.json``."""
         if self.separation_chi2 <= BIC_THRESHOLD:
-            sentence = (
-                "No known protocol or change of the rig separates these models; treat them as one until another kind "
-                "of measurement does."
-            )
+            sentence = NOT_SEPARABLE
         else:
             name, pressures = f"'{self.protocol.name}'", self._list_pressures()
             if pressures:
@@ -124,7 +126,22 @@ def propose_experiment(data: WeightedData, device: Device, best_fit: Fit, altern
     return choose_proposal(proposals)
 
 
-def choose_proposal(proposals: Sequence[ExperimentProposal]) -> ExperimentProposal:
+class SeparatingProposal(Protocol):
+    """A proposal of any rig."""
+
+    @property
+    def rig_change(self) -> RigChange:
+        """Change of the rig."""
+
+    @property
+    def separation_chi2(self) -> float:
+        """Chi squared by which the refitted models differ."""
+
+
+_Proposal = TypeVar("_Proposal", bound=SeparatingProposal)
+
+
+def choose_proposal(proposals: Sequence[_Proposal]) -> _Proposal:
     """Return the best of ``proposals``; a change of the rig only where it separates much better and is needed."""
     unchanged = max((p for p in proposals if p.rig_change.is_none), key=lambda p: p.separation_chi2)
     best = max(proposals, key=lambda p: p.separation_chi2)
