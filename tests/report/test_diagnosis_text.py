@@ -84,3 +84,11 @@ def test_supply_that_agrees_to_the_noise_lacks_nothing(diagnosis: Diagnosis) -> 
     assert "0.08 bar" not in words.describe_equation_residuals(agreeing)
     assert "30 N" in words.describe_equation_residuals(agreeing)
     assert "0.08 bar" in words.describe_equation_residuals(deviating)
+
+
+def test_ankle_lacks_a_moment(diagnosis: Diagnosis) -> None:
+    residuals = [EquationResidual("ankle", 3.0, 50.0, 0.3), EquationResidual("tendon", 0.0, 0.0, 3.0)]
+    assert words.describe_equation_residuals(replace(diagnosis, equation_residuals=residuals)) == (
+        "If the instruments are correct, 3 N·m rms of moment are missing in the equation of the ankle; "
+        "nothing is missing in the equation of the tendon."
+    )
