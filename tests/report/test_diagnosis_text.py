@@ -89,6 +89,6 @@ def test_supply_that_agrees_to_the_noise_lacks_nothing(diagnosis: Diagnosis) -> 
 def test_ankle_lacks_a_moment(diagnosis: Diagnosis) -> None:
     residuals = [EquationResidual("ankle", 3.0, 50.0, 0.3), EquationResidual("tendon", 0.0, 0.0, 3.0)]
     assert words.describe_equation_residuals(replace(diagnosis, equation_residuals=residuals)) == (
-        "If the instruments are correct, 3 N·m rms of moment are missing in the equation of the ankle; "
-        "nothing is missing in the equation of the tendon."
+        "If the instruments are correct, 3 N·m rms of moment are missing in the ankle; "
+        "nothing is missing in the tendon."
     )
