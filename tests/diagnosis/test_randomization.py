@@ -1,18 +1,25 @@
-"""p-values of the hypothesis that a fit leaves noise alone: uniform under it, small under a shared misfit."""
+"""p-values of the hypothesis that a fit leaves no relevant misfit: uniform under it, small under a shared misfit."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.stats import kstest
 
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.noise import randomization
-from klute_sim.diagnosis.noise.randomization import N_RANDOMIZATIONS, compute_p_value
+from klute_sim.diagnosis.noise.randomization import (
+    IRRELEVANT_MEAN_SQUARE,
+    SharedMisfit,
+    compute_p_value,
+    convert_to_p_value,
+    measure_shared_misfit,
+)
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats
 
@@ -37,15 +44,15 @@ def make_skewed_level_noise(rng: np.random.Generator) -> np.ndarray:
     return make_correlated_noise(rng, SAMPLES, 1.0, 0.02) * np.exp(rng.normal(0.0, 0.5))
 
 
-def draw_p_values(
+def draw_misfits(
     make_noise: Callable[[np.random.Generator], np.ndarray], n_draws: int, *, misfit: float = 0.0, n_repeats: int = 2
-) -> list[float]:
-    """Return p-values of linear fits of two numbers to three trials, whose repeats share a ``misfit``."""
+) -> list[SharedMisfit]:
+    """Return what linear fits of two numbers to three trials leave, whose repeats share a ``misfit``."""
     device, rng, simulator = load_device("klute-3-4-pair"), np.random.default_rng(7), Simulator(1)
     hypothesis = Hypothesis(device, UNCERTAINTIES, ())
     shapes = np.array([[np.sin((k + 1.3) * TIME + group) for group in range(3)] for k in range(2)])
     shared = misfit * np.array([np.sin(1.7 * TIME + group) ** 2 - 0.5 for group in range(3)])
-    p_values = []
+    misfits = []
     for _ in range(n_draws):
         deviations = rng.normal(size=2)
         rows = [
@@ -69,34 +76,47 @@ def draw_p_values(
         x = -np.linalg.pinv(jacobian) @ target
         weighted_residuals = target + jacobian @ x
         residuals = data.split_weighted_residuals(weighted_residuals)
-        p_value = compute_p_value(data, Fit(hypothesis, x, weighted_residuals, jacobian, True, residuals))
-        assert p_value is not None
-        p_values.append(p_value)
+        result = measure_shared_misfit(data, Fit(hypothesis, x, weighted_residuals, jacobian, True, residuals))
+        assert result is not None
+        misfits.append(result)
     simulator.close()
-    return p_values
+    return misfits
 
 
 @pytest.mark.parametrize("make_noise", [make_stationary_noise, make_local_noise, make_skewed_level_noise])
 @pytest.mark.parametrize("n_repeats", [2, 3])
 def test_p_values_are_uniform_where_only_noise_is_left(
-    make_noise: Callable[[np.random.Generator], np.ndarray], n_repeats: int, monkeypatch: pytest.MonkeyPatch
+    make_noise: Callable[[np.random.Generator], np.ndarray], n_repeats: int
 ) -> None:
-    monkeypatch.setattr(randomization, "MIN_MISFIT_FRACTION", 0.0)
-    p_values = draw_p_values(make_noise, 100, n_repeats=n_repeats)
+    misfits = draw_misfits(make_noise, 100, n_repeats=n_repeats)
+    p_values = [convert_to_p_value(shared, mean_square=0.0, spread=0.0) for shared in misfits]
     assert kstest(p_values, "uniform").pvalue > 0.01
     assert np.mean(np.array(p_values) <= 0.05) < 0.1
 
 
-def test_p_values_of_an_irrelevant_misfit_are_not_smaller_than_uniform_ones() -> None:
-    p_values = draw_p_values(make_stationary_noise, 100, misfit=SHARED_SCALE * 0.2)
-    assert kstest(p_values, "uniform", alternative="greater").pvalue > 0.05
+def test_shared_misfit_as_large_as_the_noise_has_the_sum_one_per_sample() -> None:
+    misfits = draw_misfits(make_stationary_noise, 40, misfit=SHARED_SCALE)
+    ratios = [shared.total / shared.n_samples for shared in misfits]
+    assert np.mean(ratios) == pytest.approx(1.0, rel=0.25)  # the noise is estimated, and the fit absorbs a part
+
+
+def test_an_irrelevant_misfit_has_no_small_p_value() -> None:
+    misfits = draw_misfits(make_stationary_noise, 100, misfit=SHARED_SCALE * np.sqrt(IRRELEVANT_MEAN_SQUARE))
+    p_values = [convert_to_p_value(shared) for shared in misfits]
+    assert np.mean(np.array(p_values) <= 0.05) < 0.1
 
 
 def test_a_misfit_of_a_part_of_the_noise_has_a_small_p_value() -> None:
-    weak = draw_p_values(make_stationary_noise, 20, misfit=SHARED_SCALE * 0.6)
-    strong = draw_p_values(make_stationary_noise, 20, misfit=SHARED_SCALE * 3.0)
+    weak = [convert_to_p_value(m) for m in draw_misfits(make_stationary_noise, 20, misfit=SHARED_SCALE * 0.6)]
+    strong = [convert_to_p_value(m) for m in draw_misfits(make_stationary_noise, 20, misfit=SHARED_SCALE * 3.0)]
     assert np.median(weak) < 0.1
-    assert max(strong) <= 2.0 / (1 + N_RANDOMIZATIONS)
+    assert max(strong) < 1e-3
+
+
+@given(st.floats(-1e3, 1e3), st.floats(0.1, 1e2), st.floats(1.0, 1e4))
+def test_p_value_falls_with_the_misfit(total: float, std: float, n_samples: float) -> None:
+    low, high = (convert_to_p_value(SharedMisfit(x, std, n_samples)) for x in (total, total + std))
+    assert 0.0 <= high <= low <= 1.0
 
 
 def test_a_short_trial_has_no_p_value() -> None:

@@ -158,7 +158,7 @@ def _run_workflow(
         confidence_intervals=selected.confidence_intervals,
         equivalent_models=equivalent_models,
         prediction=selected.prediction,
-        p_value=compute_p_value(data, base_fit, options.seed) if search.has_repeats else None,
+        p_value=compute_p_value(data, base_fit) if search.has_repeats else None,
         misfit_map=map_misfit(data, base_fit) if search.has_repeats else [],
         misfit_regions=locate_misfit(search.data, base_fit),
         equation_residuals=selected.equation_residuals,
@@ -173,7 +173,9 @@ def _run_workflow(
     if equivalent_models:
         diagnosis.direct_measurements = list_direct_measurements([final_fit, *(m.fit for m in equivalent_models)])
         progress(0.85, "searching for an experiment that separates the equivalent models")
-        diagnosis.next_experiment = _propose_next_experiment(selected.data, dataset, final_fit, equivalent_models[0].fit)
+        diagnosis.next_experiment = _propose_next_experiment(
+            selected.data, dataset, final_fit, equivalent_models[0].fit
+        )
     progress(0.95, "evaluating the test trials")
     evaluate_held_out(diagnosis, search.data)
     diagnosis.n_simulations = simulator.n_rollouts
