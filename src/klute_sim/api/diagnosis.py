@@ -56,6 +56,8 @@ class IdentifiedEffect:
     """Number of the device file (``section.key``) that is wrong; None for effects."""
     parameters: dict[str, ParameterEstimate]
     """Estimate of each parameter, by its key."""
+    probability: float | None
+    """Probability of the name, calibrated on the hidden-effect benchmark; None without repeats, or if data-driven."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -89,6 +91,7 @@ class DiagnosisResult(Printable):
                     key: ParameterEstimate(float(estimate["value"]), (float(estimate["low"]), float(estimate["high"])))
                     for key, estimate in entry["parameters"].items()
                 },
+                probability=entry.get("probability"),
             )
             for entry in self.to_dict()["effects"]
         ]

@@ -8,6 +8,7 @@ from klute_sim.diagnosis.evidence import collect_evidence
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.planning.identifiability import INDISTINGUISHABLE_COSINE
+from klute_sim.diagnosis.probability import Probabilities, estimate_probabilities
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
@@ -49,13 +50,13 @@ def list_indistinguishable_pairs(diagnosis: Diagnosis) -> list[list[str]]:
 
 def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the content of ``verdict.json``: values in the units of their keys, residuals in those of the channels."""
-    split = diagnosis.split
+    split, probabilities = diagnosis.split, estimate_probabilities(diagnosis)
     return {
         "schema": VERDICT_SCHEMA,
         "verdict": diagnosis.verdict,
         "reasons": list(diagnosis.reasons),
         "accepted": [{"name": finding.name, "sentence": finding.sentence} for finding in diagnosis.dataset.accepted],
-        "effects": _list_effect_entries(diagnosis, diagnosis.final_fit) if diagnosis.final_fit else [],
+        "effects": _list_effect_entries(diagnosis, diagnosis.final_fit, probabilities) if diagnosis.final_fit else [],
         "numbers": _list_fitted_numbers(diagnosis),
         "alternatives": list_alternatives(diagnosis),
         "held_out": diagnosis.held_out,
@@ -71,6 +72,7 @@ def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             for r in list_rejections(diagnosis)
         ],
         "p_value": diagnosis.p_value,
+        "probability_nothing_missing": None if probabilities is None else round(probabilities.nothing_missing, 3),
         "misfit_map": [
             {
                 "channel": cell.channel,
@@ -140,7 +142,9 @@ def _describe_prediction(prediction: PredictiveResult) -> dict[str, Any]:
     }
 
 
-def _list_effect_entries(diagnosis: Diagnosis, final_fit: Fit) -> list[dict[str, Any]]:
+def _list_effect_entries(
+    diagnosis: Diagnosis, final_fit: Fit, probabilities: Probabilities | None
+) -> list[dict[str, Any]]:
     entries = []
     evidence = collect_evidence(diagnosis)
     for index, term in enumerate(final_fit.hypothesis.terms):
@@ -159,6 +163,8 @@ def _list_effect_entries(diagnosis: Diagnosis, final_fit: Fit) -> list[dict[str,
         }
         if term in evidence:
             entry["evidence"] = evidence[term]._asdict()
+        if probabilities and term in probabilities.names:
+            entry["probability"] = round(probabilities.names[term], 3)
         if term.tendon is not None:
             entry["tendon"] = term.tendon
         if term.part is not None:

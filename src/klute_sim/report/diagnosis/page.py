@@ -70,6 +70,7 @@ def build_page_context(diagnosis: Diagnosis) -> dict[str, Any]:
         "sentence": words.describe_verdict(d),
         "improvement": words.describe_improvement(d),
         "reasons": [words.format_sentence(reason) for reason in d.reasons],
+        "probabilities": words.describe_probabilities(d),
         "warnings": _collect_warnings(d),
         "next_step": words.describe_next_step(d),
         "next_experiment": d.next_experiment["sentence"] if d.next_experiment else "",

@@ -16,7 +16,8 @@ from klute_sim.report.diagnosis import text
 def iterate_summary(diagnosis: Diagnosis) -> Iterator[Table | str]:
     """Yield the verdict, its reasons, the added effects, the residuals, the next experiment and the split."""
     yield text.describe_verdict(diagnosis)
-    for reason in filter(None, [*diagnosis.reasons, text.describe_equation_residuals(diagnosis)]):
+    sentences = text.describe_equation_residuals(diagnosis), text.describe_probabilities(diagnosis)
+    for reason in filter(None, [*diagnosis.reasons, *sentences]):
         yield f"  {reason}"
     if diagnosis.added_terms and diagnosis.final_fit is not None:
         yield build_effects_table(diagnosis, diagnosis.final_fit)

@@ -10,6 +10,7 @@ from klute_sim import units
 from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
+from klute_sim.diagnosis.probability import estimate_probabilities
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.equation_residuals import EQUATION_UNITS, select_significant_equations
 from klute_sim.effects import catalogue
@@ -199,6 +200,17 @@ def describe_equation_residuals(diagnosis: Diagnosis) -> str:
         if residual not in significant
     ]
     return f"If the instruments are correct, {'; '.join(clauses)}."
+
+
+def describe_probabilities(diagnosis: Diagnosis) -> str:
+    """Return the calibrated probabilities in one sentence; '' without a verdict that has any."""
+    probabilities = estimate_probabilities(diagnosis)
+    if probabilities is None:
+        return ""
+    clauses = [f"{format_term(term)} {100.0 * p:.0f} %" for term, p in probabilities.names.items()]
+    clauses.append(f"nothing is missing {100.0 * probabilities.nothing_missing:.0f} %")
+    source = f"calibrated on {probabilities.n_datasets} simulated datasets of the benchmark"
+    return f"Probabilities, {source}: {join_words(clauses)}."
 
 
 def _reaches_noise(diagnosis: Diagnosis, channel: str) -> bool:

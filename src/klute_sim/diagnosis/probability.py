@@ -1,0 +1,84 @@
+"""Probability of each name, and of the statement that nothing is missing, calibrated on the hidden-effect benchmark.
+
+Differences of BIC are no probabilities of a name: they compare models of the catalogue alone, with the noise as it was
+estimated, and effects outside of the catalogue are imitated. How often verdicts were right on datasets with
+known truth is measured, and a logistic regression states it as a function of the verdict and of the evidence (Platt
+1999, *Advances in Large Margin Classifiers*, pages 61 to 74). Such a probability holds for data like those of the
+benchmark, with its share of clean datasets.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from klute_sim.diagnosis.evidence import collect_evidence
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.result import ChannelRms, Diagnosis
+
+CALIBRATION_FILE = "calibration.json"
+NAMING_VERDICTS = ("identified", "identified-in-part", "indistinguishable", "unexplained")
+"""Verdicts that name effects; those of `unexplained` are proxies."""
+MIN_MARGIN = 1e-3
+"""Smallest margin that is distinguished."""
+SIZE_RANGE = (0.1, 100.0)
+"""Range of the misfit over the noise that is distinguished."""
+
+
+class Probabilities(NamedTuple):
+    """Calibrated probabilities of a diagnosis."""
+
+    nothing_missing: float
+    """Probability that no effect is missing, and that no instrument or number is wrong."""
+    names: dict[EffectTerm, float]
+    """Probability of each added effect that it is missing in the device; data-driven terms have none."""
+    n_datasets: int
+    """Number of datasets of the benchmark that they were calibrated on."""
+
+
+@cache
+def load_calibration() -> dict[str, Any]:
+    """Return the coefficients of the logistic regressions and where they are from."""
+    content: dict[str, Any] = json.loads((files(__package__) / CALIBRATION_FILE).read_text("utf-8"))
+    return content
+
+
+def estimate_probabilities(diagnosis: Diagnosis) -> Probabilities | None:
+    """Return the probabilities of ``diagnosis``; None without a fit, without repeats, or with insufficient data."""
+    if diagnosis.final_fit is None or diagnosis.p_value is None or diagnosis.verdict == "insufficient-data":
+        return None
+    calibration = load_calibration()
+    size = measure_misfit_size(diagnosis.channel_rms)
+    nothing = compute_logistic(calibration["nothing_missing"], list_nothing_features(diagnosis.verdict))
+    names = {}
+    for term, evidence in collect_evidence(diagnosis).items():
+        features = list_name_features(diagnosis.verdict, evidence.margin, size)
+        probability = compute_logistic(calibration["names"], features)
+        names[term] = min(probability, 1.0 - nothing)
+    return Probabilities(nothing, names, calibration["datasets"])
+
+
+def measure_misfit_size(channel_rms: Mapping[str, ChannelRms]) -> float:
+    """Return the misfit without added effects over the noise, in the channel where it is largest; 0 without noise."""
+    ratios = [rms.refitted / rms.noise_floor for rms in channel_rms.values() if rms.noise_floor]
+    return float(np.sqrt(max([0.0, *(ratio**2 - 1.0 for ratio in ratios)])))
+
+
+def list_name_features(verdict: str, margin: float, size: float) -> list[float]:
+    """Return the regressors of a name: one indicator for each verdict, the margin and the size of the misfit."""
+    kinds = [float(verdict == kind) for kind in NAMING_VERDICTS]
+    return [*kinds, float(np.log10(max(margin, MIN_MARGIN))), float(np.log10(np.clip(size, *SIZE_RANGE)))]
+
+
+def list_nothing_features(verdict: str) -> list[float]:
+    """Return the regressors of the statement that nothing is missing: indicators of verdicts that say so and others."""
+    is_claimed = float(verdict == "nothing-missing")
+    return [is_claimed, 1.0 - is_claimed]
+
+
+def compute_logistic(coefficients: Sequence[float], features: Sequence[float]) -> float:
+    """Return 1 / (1 + exp(-coefficients . features))."""
+    return float(1.0 / (1.0 + np.exp(-float(np.dot(coefficients, features)))))

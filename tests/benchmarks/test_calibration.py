@@ -1,0 +1,87 @@
+"""Calibration, localization and p-values of the benchmark against known answers."""
+
+import math
+
+import numpy as np
+import pytest
+from benchmarks.hidden_effects import calibrate, localization, p_values
+from benchmarks.hidden_effects.inputs import InputProgram
+
+from klute_sim.diagnosis.noise.randomization import SharedMisfit, convert_to_p_value
+from klute_sim.diagnosis.probability import compute_logistic
+
+
+def test_calibration_recovers_the_probabilities_of_its_events() -> None:
+    """Events that are true with the probability of a known logistic law give its coefficients back."""
+    rng, coefficients = np.random.default_rng(0), (1.5, -0.8)
+    features = np.column_stack([np.ones(4000), rng.normal(size=4000)])
+    is_true = rng.random(4000) < 1.0 / (1.0 + np.exp(-features @ coefficients))
+    events = [calibrate.Event(list(row), bool(flag)) for row, flag in zip(features, is_true, strict=True)]
+    assert calibrate.fit_logistic(events) == pytest.approx(coefficients, abs=0.15)
+    *_, last = calibrate.tabulate_reliability(coefficients, events)
+    brier = np.mean([(compute_logistic(coefficients, e.features) - e.is_true) ** 2 for e in events])
+    assert last == f"Brier score {brier:.4f} of 4000 events, {is_true.sum()} true."
+
+
+def test_names_are_events_that_are_true_if_they_are_hidden() -> None:
+    truth = {"effects": [{"name": "seal_friction"}], "instruments": [], "strangers": []}
+    verdict = {
+        "verdict": "identified",
+        "p_value": 2e-4,
+        "gap": {"force": {"refitted": 5.0, "after": 3.0, "floor": 3.0}},
+        "effects": [
+            {"name": "seal_friction", "channel": None, "evidence": {"margin": 0.3}},
+            {"name": "sensor_gain", "channel": "force", "evidence": {"margin": 0.01}},
+            {"name": "unknown_force", "channel": None},
+        ],
+    }
+    events = calibrate.collect_events([(truth, verdict), ({}, {"verdict": "insufficient-data"})])
+    assert [event.is_true for event in events["names"]] == [True, False]
+    assert [event.is_true for event in events["nothing_missing"]] == [False]
+
+
+def test_one_cell_of_each_kind() -> None:
+    """F1 of one true positive, one false positive and one false negative is 1/2; cells beyond the map do not count."""
+    true_map = {("force", "a"): 1.0, ("force", "b"): 0.0, ("force", "c"): 2.0, ("force", "d"): 0.1}
+    sizes = {"a": (1.0, 9.0), "b": (0.5, 5.0), "c": (0.6, 3.0), "d": (0.1, 0.5), "e": (9.0, 99.0)}
+    cells = [
+        {"channel": "force", "region": region, "misfit_over_noise": size, "significance": significance}
+        for region, (size, significance) in sizes.items()
+    ]
+    counts = localization.count_cells(true_map, {"misfit_map": cells})
+    assert counts == (1, 1, 1, 1)
+    assert localization.score_cells([counts]) == {"cells": 4.0, "f1": 0.5, "precision": 0.5, "recall": 0.5}
+    assert math.isnan(localization.score_cells([(0, 0, 0, 5)])["f1"])
+
+
+def test_conditions_of_a_program_are_those_of_its_inputs() -> None:
+    time = np.arange(4000) * 1e-3
+    length = 0.3 + 0.02 * np.clip(time - 2.0, 0.0, 1.0)
+    command = np.where(np.arange(800) * 5e-3 > 1.0, 2e5, 1e5)
+    labels = localization.label_program(InputProgram("p", "fit", 4.0, length, command), 0.02)
+    assert labels[50] == "held, steady pressure"
+    assert labels[100] == "held, pressure changes"
+    assert labels[250] == "lengthening, steady pressure"
+
+
+def test_uniform_p_values_pass_and_small_ones_fail() -> None:
+    rng = np.random.default_rng(3)
+    uniform = p_values.summarize_p_values(rng.random(400))
+    assert uniform["ks_p_value"] > 0.05
+    assert uniform["low"] < 0.05 < uniform["high"]
+    small = p_values.summarize_p_values(rng.random(400) ** 2)
+    assert small["ks_p_value"] < 1e-6
+    assert small["low"] > 0.05
+
+
+def test_null_distribution_is_recovered_and_makes_p_values_uniform() -> None:
+    """Sums of 400 datasets whose irrelevant misfit is drawn from a known distribution."""
+    rng = np.random.default_rng(4)
+    n_samples, std = rng.uniform(300.0, 900.0, 400), rng.uniform(10.0, 25.0, 400)
+    totals = n_samples * rng.normal(0.03, 0.02, 400) + std * rng.normal(size=400)
+    misfits = [SharedMisfit(*row) for row in zip(totals, std, n_samples, strict=True)]
+    mean_square, spread = p_values.fit_null_distribution(misfits)
+    assert mean_square == pytest.approx(0.03, abs=0.006)
+    assert spread == pytest.approx(0.02, abs=0.006)
+    summary = p_values.summarize_p_values([convert_to_p_value(m, 0.03, 0.02) for m in misfits])
+    assert summary["ks_p_value"] > 0.05

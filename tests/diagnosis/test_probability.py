@@ -1,0 +1,55 @@
+"""Probabilities of names: logistic in the evidence, complementary, and within [0, 1]."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from klute_sim.diagnosis.probability import (
+    NAMING_VERDICTS,
+    compute_logistic,
+    list_name_features,
+    list_nothing_features,
+    load_calibration,
+    measure_misfit_size,
+)
+from klute_sim.diagnosis.result import ChannelRms
+
+margins, sizes = st.floats(0.0, 1.0), st.floats(0.0, 1e4)
+
+
+@given(st.sampled_from(NAMING_VERDICTS), margins, sizes)
+def test_a_name_has_a_probability_that_grows_with_its_margin(verdict: str, margin: float, size: float) -> None:
+    coefficients = load_calibration()["names"]
+    probability = compute_logistic(coefficients, list_name_features(verdict, margin, size))
+    assert 0.0 < probability < 1.0
+    assert compute_logistic(coefficients, list_name_features(verdict, 1.0, size)) >= probability
+
+
+def test_the_calibration_separates_verdicts() -> None:
+    """Names of `identified` are more probable than proxies; nothing is missing where the verdict says so."""
+    calibration = load_calibration()
+    identified, proxy = (
+        compute_logistic(calibration["names"], list_name_features(verdict, 0.3, 2.0))
+        for verdict in ("identified", "unexplained")
+    )
+    assert identified > 0.9 > proxy
+    claimed, denied = (
+        compute_logistic(calibration["nothing_missing"], list_nothing_features(verdict))
+        for verdict in ("nothing-missing", "identified")
+    )
+    assert claimed > 0.5 > 0.1 > denied
+
+
+def test_logistic_against_the_closed_form() -> None:
+    assert compute_logistic([0.0, 0.0], [3.0, 4.0]) == 0.5
+    assert compute_logistic([1.0, -2.0], [2.0, 0.5]) == pytest.approx(1.0 / (1.0 + np.exp(-1.0)))
+
+
+def test_misfit_size_is_that_beyond_the_noise_in_the_worst_channel() -> None:
+    rms = {
+        "force": ChannelRms(nominal=9.0, refitted=5.0, with_effects=3.0, noise_floor=3.0),
+        "pressure": ChannelRms(nominal=1.0, refitted=1.0, with_effects=1.0, noise_floor=None),
+    }
+    assert measure_misfit_size(rms) == pytest.approx(4.0 / 3.0)
+    assert measure_misfit_size({}) == 0.0
