@@ -264,3 +264,14 @@ def test_ticks_are_round_few_and_inside_the_range(low: float, high: float) -> No
     assert 3 <= len(ticks) <= 7
     assert low <= ticks[0] < ticks[-1] <= high
     assert len({chart.format_tick(value, ticks) for value in ticks}) == len(ticks) or high < 1e-4
+
+
+@pytest.mark.parametrize("level", [0.25, 383.0, -40.0, 0.0])
+def test_constant_quantity_has_an_axis(level: float) -> None:
+    """A clamped length differs by rounding errors only; the axis shows its level, with ticks that differ."""
+    values = level * (1.0 + np.array([0.0, 1.0, 0.0]) * np.finfo(float).eps)
+    line = chart.ChartCurve("measured", (0, 0, 0), values, np.array([0.0, 1.0, 2.0]))
+    low, high = chart._compute_ranges(chart.Chart("loop", "length [mm]", "force [N]", (line,)))[0]
+    assert low < level < high
+    ticks = chart.compute_ticks(low, high)
+    assert len({chart.format_tick(value, ticks) for value in ticks}) == len(ticks) > 1

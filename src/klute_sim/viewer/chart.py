@@ -18,6 +18,8 @@ MARGIN_BELOW, MARGIN_LEFT, MARGIN_RIGHT = 24.0, 22.0, 6.0
 """Margins of the frame for text."""
 LEGEND_ROW_HEIGHT, NAMES_PER_LEGEND_ROW = 11.0, 3
 """Height of a row of the legend above the frame, and number of names in a row."""
+MIN_RELATIVE_RANGE = 1e-9
+"""Smallest range of values that is shown as one, over the largest value."""
 RANGE_PADDING_FRACTION = 0.05
 """Fraction of the range that stays free at each end."""
 MAX_POINTS_PER_CURVE = 600
@@ -112,7 +114,9 @@ def _compute_padded_range(values: Any) -> tuple[float, float]:
     if not len(finite):
         return 0.0, 1.0
     low, high = float(finite.min()), float(finite.max())
-    padding = RANGE_PADDING_FRACTION * (high - low) or 0.05 * abs(high) or 1.0
+    largest = max(abs(low), abs(high))
+    is_constant = high - low <= MIN_RELATIVE_RANGE * largest  # rounding errors, as of a clamped length, are no range
+    padding = (0.05 * largest or 1.0) if is_constant else RANGE_PADDING_FRACTION * (high - low)
     return low - padding, high + padding
 
 
