@@ -133,6 +133,26 @@ def test_parts_of_few_conditions_cover_every_sample_once() -> None:
     assert all((count == 1).all() for count in counts)
 
 
+def test_parts_of_a_filling_share_its_rise() -> None:
+    """Only the pressure is measured, and nearly all happens in the first sixth: several parts contain some of it."""
+    time = 0.005 * np.arange(1200)
+    rise = 6e5 * (1.0 - np.exp(-time / 0.3))
+    trials = [
+        replace(e, command=np.zeros(1200), dt=0.005, measured={"pressure": e.measured["force"]})
+        for e in make_repeats([rise] * 2)
+    ]
+    folds, kind = divide_into_folds(trials)
+    assert kind == "part"
+    selected = [fold[0].select(trials[0], "pressure") for fold in folds]
+    assert (np.sum(selected, axis=0) == 1).all()
+    shares = [np.ptp(rise[part]) / np.ptp(rise) for part in selected]
+    assert sum(share > 0.1 for share in shares) >= 3
+    assert max(shares) < 0.6
+    assert max(np.ptp(rise[200 * k : 200 * k + 200]) for k in range(6)) > 0.9 * np.ptp(rise)  # parts of equal duration
+    flat = [replace(e, measured={"pressure": e.measured["pressure"]._replace(value=np.ones(1200))}) for e in trials]
+    assert [fold[0].start for fold in divide_into_folds(flat)[0]] == pytest.approx(np.arange(6) / 6)
+
+
 def test_error_of_the_law_is_shared_by_repeats() -> None:
     rng = np.random.default_rng(0)
     trials = make_repeats([rng.normal(size=400)] * 4)

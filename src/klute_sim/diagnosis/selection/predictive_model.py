@@ -18,6 +18,8 @@ MIN_CONDITIONS, MIN_SPECIMENS = 3, 3
 """Numbers of conditions and of specimens from which on these are left out."""
 N_PARTS = 6
 """Number of parts of each trial where there are fewer conditions."""
+N_BLOCKS = 60
+"""Number of blocks of a trial whose mean pressures measure how much happens in it."""
 MIN_TERM_SHARE = 0.02
 """Share of the largest error of prediction that a further term must take (assumed; less is of no use to anybody)."""
 MIN_STABILITY = 0.8
@@ -113,11 +115,38 @@ def divide_into_folds(experiments: Sequence[Experiment]) -> tuple[list[list[Fold
     conditions = group_repeats(experiments).values()
     if len(conditions) >= MIN_CONDITIONS:
         return [[FoldPart(index) for index in members] for members in conditions], "condition"
-    edges = np.linspace(0.0, 1.0, N_PARTS + 1)
+    edges = {index: _divide_condition([experiments[k] for k in members]) for members in conditions for index in members}
     return [
-        [FoldPart(index, float(start), float(end)) for index in range(len(experiments))]
-        for start, end in pairwise(edges)
+        [FoldPart(index, start, end) for index, trial_edges in edges.items() for start, end in [trial_edges[part]]]
+        for part in range(N_PARTS)
     ], "part"
+
+
+def _divide_condition(repeats: Sequence[Experiment]) -> list[tuple[float, float]]:
+    """Return start and end of each part of ``repeats``, as fractions of a trial.
+
+    Parts last equally long. Where only the pressure was measured, half of the measure is the change of the pressure: a
+    filling is over in a fraction of the trial, and if it all lay in one part, the difference between two models would
+    be as large as its standard error whatever its size.
+    """
+    edges = np.linspace(0.0, 1.0, N_PARTS + 1)
+    if all(e.measured.keys() == {"pressure"} for e in repeats):
+        phases = np.linspace(0.0, 1.0, N_BLOCKS + 1)
+        means = np.mean([_average_blocks(e, phases) for e in repeats], axis=0)
+        change = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(means))), [0.0]])
+        change[-1] = change[-2]
+        if change[-1] > 0.0:
+            edges = np.interp(edges, 0.5 * (phases + change / change[-1]), phases)
+    return [(float(start), float(end)) for start, end in pairwise(edges)]
+
+
+def _average_blocks(experiment: Experiment, phases: Array) -> Array:
+    """Return the mean pressure [Pa] of ``experiment`` between each two of ``phases`` (fractions of the trial)."""
+    series = experiment.measured["pressure"]
+    times = experiment.start_time + phases * experiment.duration
+    fine = np.linspace(times[:-1], times[1:], 10)
+    means: Array = np.interp(fine, series.time, series.value).mean(axis=0)
+    return means
 
 
 def rank_model(model: PredictiveModel) -> tuple[float, str]:
