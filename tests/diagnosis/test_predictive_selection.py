@@ -14,6 +14,7 @@ from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals, decid
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, estimate_noise_from_residuals
 from klute_sim.diagnosis.result import Verdict
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_term_without_effect
 from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
@@ -204,6 +205,22 @@ def test_nothing_at_a_bound_and_no_absurd_instrument_is_named() -> None:
     assert "at its bound" in find_naming_obstacle(data, make_fit((FRICTION,), [0.0]))
     assert find_naming_obstacle(data, make_fit((GAIN,), [0.5])) == ""  # 2.5 %
     assert "further off" in find_naming_obstacle(data, make_fit((GAIN,), [8.0]))  # 40 %
+    simulator.close()
+
+
+@pytest.mark.parametrize(("channel", "is_refused"), [("pressure", True), ("force", False)])
+def test_absurd_gauge_does_not_stand_in_for_the_supply(channel: str, is_refused: bool) -> None:
+    """Where the pressure alone was measured, a gauge that is off by 40 % is refused before a name is chosen."""
+    trials = [
+        replace(e, measured={channel: e.measured["force"]}) for e in make_repeats([np.linspace(0.0, 6e5, 100)] * 2)
+    ]
+    noise = {channel: Noise(3.0, (Autocorrelation(0.005, 1.0, 200),))}
+    simulator = Simulator(1)
+    search = ForwardSelection(WeightedData(simulator, trials, noise), [], [])
+    gauge = EffectTerm("sensor_gain", "linear", channel)
+    before = replace(make_fit(()), residuals=[{channel: np.zeros(100)}] * 2)
+    reason = search.rejection_reason(before, make_fit((gauge,), [8.0]), {})
+    assert ("further off" in reason) == is_refused
     simulator.close()
 
 

@@ -9,11 +9,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from klute_sim.diagnosis.data_quality import is_supply_only
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals, group_repeats
-from klute_sim.diagnosis.selection.naming import UNRESOLVED_REASON, find_unresolved_delay
+from klute_sim.diagnosis.selection.naming import (
+    IMPLAUSIBLE_REASON,
+    UNRESOLVED_REASON,
+    find_implausible_instrument,
+    find_unresolved_delay,
+)
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
 from klute_sim.types import Array
 
@@ -309,6 +315,9 @@ class ForwardSelection:
             return f"{term}: {DIVERGENCE_REASON}"
         if find_unresolved_delay(self.data, after) == term:
             return f"{term} {UNRESOLVED_REASON}"
+        # A gauge that alone shows the supply must not stand in for it.
+        if is_supply_only(self.data.experiments) and find_implausible_instrument(self.data, after) == term:
+            return f"{term} {IMPLAUSIBLE_REASON}"
         min_gain = MIN_VALIDATION_GAIN if self.has_misfit(before) else NO_MISFIT_GAIN_FACTOR * MIN_VALIDATION_GAIN
         if bic_gain <= self.bic_threshold:
             return (

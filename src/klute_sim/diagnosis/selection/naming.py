@@ -20,6 +20,8 @@ MIN_DELAY_SAMPLES = 0.5
 follows a straight line, whose corners may be off by as much)."""
 UNRESOLVED_REASON = "is shorter than half a sampling interval"
 """Reason why such a delay is not named."""
+IMPLAUSIBLE_REASON = "would be further off than instruments are"
+"""Reason why a large error of an instrument is not named."""
 MAX_INSTRUMENT_LAG_S = 0.1
 """Largest plausible time constant of an instrument [s] (assumed: a filter of 1.6 Hz)."""
 
@@ -30,9 +32,18 @@ def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
     A parameter at its bound says that the effect is something else, or that it is absent. ``data`` provide the ranges
     of the channels.
     """
-    hypothesis = fit.hypothesis
     for term, parameter, bound in _iterate_bounds_reached(fit):
         return f"{term} has '{parameter.name}' at its bound, {parameter.denormalize(bound):.4g}"
+    implausible = find_implausible_instrument(data, fit)
+    if implausible:
+        return f"{implausible} {IMPLAUSIBLE_REASON}"
+    unresolved = find_unresolved_delay(data, fit)
+    return f"{unresolved} {UNRESOLVED_REASON}" if unresolved else ""
+
+
+def find_implausible_instrument(data: WeightedData, fit: Fit) -> EffectTerm | None:
+    """Return an instrument effect of ``fit`` that is larger than those of working instruments; None without any."""
+    hypothesis = fit.hypothesis
     for index, term in enumerate(hypothesis.terms):
         if term.channel is not None and term.effect_definition is not instrument.QUANTIZATION:
             values = [
@@ -41,9 +52,8 @@ def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
                 if parameter.term_index == index
             ]
             if not _is_plausible_instrument(data, term.effect, term.channel, values):
-                return f"{term} would be further off than instruments are"
-    unresolved = find_unresolved_delay(data, fit)
-    return f"{unresolved} {UNRESOLVED_REASON}" if unresolved else ""
+                return term
+    return None
 
 
 def find_unresolved_delay(data: WeightedData, fit: Fit) -> EffectTerm | None:
