@@ -15,6 +15,7 @@ from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
 from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.initial_state import check_initial_state, parse_initial_state
 from klute_sim.datasets.mechanism import DatasetMechanism, check_model_numbers, load_dataset_mechanism
+from klute_sim.datasets.muscle_diameter import scale_muscle
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses
 from klute_sim.datasets.trial import InitialState, SensorLimits, TimeSeries, Trial, TrialChannels, read_trial
 from klute_sim.device import device as device_files
@@ -111,7 +112,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     content = _read_content(folder)
     source = str(folder / DATASET_FILE_NAME)
     file = file_format.parse_dataset_file(content, source)
-    device = device or _load_device(file.device, folder)
+    device, size_remarks = scale_muscle(device or _load_device(file.device, folder), file.diameter, source)
     mechanism = load_dataset_mechanism(file, folder, device, source)
     known_values: dict[str, float] = dict(device.spec.collect_values())
     if mechanism is not None:
@@ -155,6 +156,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         trials=tuple(trials),
         digest=digest.hexdigest(),
         remarks=(
+            *size_remarks,
             *_collect_remarks(trials, [channels.remarks for channels in contents]),
             *unmapped_remarks,
             *_describe_scope(trials, file.rig),

@@ -100,6 +100,15 @@ class DeviceEntry(_Section):
     """``section.key`` -> value in the key's unit, where this device differs."""
 
 
+class DiameterEntry(_Section):
+    """Table ``[diameter]`` of ``dataset.toml``: nominal diameters, each with a unit."""
+
+    device: Name
+    """Diameter of the muscle that the device file describes."""
+    trials: Name
+    """Diameter of the muscles of the trials, made in the same way."""
+
+
 class TrialEntry(_Section):
     """One table ``[[trial]]`` of ``dataset.toml``."""
 
@@ -138,6 +147,8 @@ class DatasetFile(_Section):
     """Rig that all trials were recorded on."""
     device: Name
     """Preset, or path of a device file relative to the folder."""
+    diameter: DiameterEntry | None = None
+    """Nominal diameters, where the trials are of muscles of another diameter than that of the device."""
     uncertain: dict[str, Annotated[float | int | str, BeforeValidator(_validate_deviation)]] = {}
     """``section.key`` -> standard deviation, a number in the key's unit or a percentage."""
     heading_row: HeadingRow | None = None
@@ -177,6 +188,7 @@ _ALLOWED_VALUES: dict[str, str] = {
     "trial.numbers": 'a table of "model.geom.load.mass" = number',
     "trial.initial": "a table of velocity_elbow = '90 deg/s', with positions, velocities or pressures",
     "device": "a preset, or the path of a device file, as text",
+    "diameter": "a table with 'device' and 'trials', each a nominal diameter such as '10 mm'",
     "uncertain": "a table of \"section.key\" = '10 %'",
     "accept": "a list of names of findings, such as 'force-unit'",
     "trial": "1 to 2000 tables [[trial]]",

@@ -1,4 +1,4 @@
-"""Stress relaxation of the bladder's rubber."""
+"""Stress relaxation of the bladder's rubber, whose cross-section grows with the diameter (walls equally thick)."""
 
 from typing import Any
 
@@ -37,6 +37,7 @@ BLADDER_RELAXATION = Effect(
                     upper=50.0,
                     typical=3.0,
                     source="assumed: natural rubber relaxes by a few percent per decade of time",
+                    diameter_exponent=1.0,
                 ),
                 EffectParameter(
                     key="time_constant_s",

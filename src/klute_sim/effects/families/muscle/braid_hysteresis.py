@@ -1,6 +1,8 @@
 """Dry friction between the threads of the braid: it opposes motion in both directions and grows with pressure.
 
-A held muscle keeps its friction in all forms but ``coulomb``, which depends on the velocity alone.
+A held muscle keeps its friction in all forms but ``coulomb``, which depends on the velocity alone. In muscles of
+different diameters the friction is the same share of the gas tension, and reverses within the same distance (assumed),
+so both parameters in newtons grow with the square of the diameter.
 """
 
 from typing import Any
@@ -89,6 +91,7 @@ _SLOPE_PARAMETER = EffectParameter(
     upper=60.0,
     typical=8.0,
     source="assumed: a few percent of the tension, as in Tondu 2012 (doi 10.1177/1045389X11435435)",
+    diameter_exponent=2.0,
 )
 _STIFFNESS_PARAMETER = EffectParameter(
     key="stiffness_n_per_mm",
@@ -97,6 +100,7 @@ _STIFFNESS_PARAMETER = EffectParameter(
     upper=500.0,
     typical=40.0,
     source="assumed: friction reverses within about a millimetre",
+    diameter_exponent=2.0,
 )
 
 BRAID_HYSTERESIS = Effect(

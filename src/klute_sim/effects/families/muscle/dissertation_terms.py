@@ -1,4 +1,9 @@
-"""Terms that dissertation chapter 3 adds to the geometric muscle model, for devices that lack them."""
+"""Terms that dissertation chapter 3 adds to the geometric muscle model, for devices that lack them.
+
+In muscles of different diameters but equal walls (assumed), the part of the friction offset that grows with pressure is
+the same share of the gas tension, so it grows with the square of the diameter; the constant part belongs to the wall,
+whose cross-section grows with the diameter.
+"""
 
 from typing import Any
 
@@ -78,6 +83,7 @@ FRICTION_OFFSET = Effect(
                     upper=200.0,
                     typical=28.0,
                     source="dissertation Table 3.1: 3.6 to 56.9; range assumed",
+                    diameter_exponent=2.0,
                 ),
                 EffectParameter(
                     key="offset_n",
@@ -86,6 +92,7 @@ FRICTION_OFFSET = Effect(
                     upper=300.0,
                     typical=30.0,
                     source="dissertation Table 3.1: -38.2 to 109.8; range assumed",
+                    diameter_exponent=1.0,
                 ),
             ),
             laws={"muscle_force": friction_offset_force},

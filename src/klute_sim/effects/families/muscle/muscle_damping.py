@@ -1,4 +1,8 @@
-"""Viscous resistance of the muscle."""
+"""Viscous resistance of the muscle.
+
+That of the rubber grows with the cross-section of the wall, in proportion to the diameter where walls are equally
+thick; that of the braid is a share of the gas tension, and grows with the square of the diameter (both assumed).
+"""
 
 from typing import Any
 
@@ -37,6 +41,7 @@ MUSCLE_DAMPING = Effect(
                     upper=3000.0,
                     typical=150.0,
                     source="dissertation chapter 3: 6 % less tension at 300 mm/s is about 147 N s/m",
+                    diameter_exponent=1.0,
                 ),
             ),
             laws={"muscle_force": viscous_force},
@@ -52,6 +57,7 @@ MUSCLE_DAMPING = Effect(
                     upper=1000.0,
                     typical=40.0,
                     source="assumed: as viscous at 4 bar; grows with pressure as in Serres 2009",
+                    diameter_exponent=2.0,
                 ),
             ),
             laws={"muscle_force": pressure_dependent_force},
