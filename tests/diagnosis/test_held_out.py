@@ -22,7 +22,7 @@ from klute_sim.diagnosis.noise.misfit import Misfit
 from klute_sim.diagnosis.result import ChannelRms, Diagnosis, DiagnosisOptions, Verdict
 from klute_sim.diagnosis.transfer import ChannelPrediction, TransferPrediction
 from klute_sim.diagnosis.workflow import diagnose
-from klute_sim.report.diagnosis.table import build_prediction_table
+from klute_sim.report.diagnosis.prediction import build_prediction_table
 from tests.diagnosis import synthetic_dataset
 from tests.diagnosis.synthetic_dataset import write_dataset
 
@@ -118,7 +118,8 @@ def test_prediction_that_diverges_is_no_number() -> None:
     assert prediction.to_dict()["channels"] == {
         "force": {
             **{"unit": "N", "nominal": 4.0, "refitted": 2.0, "with_effects": None},
-            **{"range": 100.0, "with_effects_pct_of_range": None},
+            **{"range": 100.0, "nominal_pct_of_range": 4.0, "refitted_pct_of_range": 2.0},
+            "with_effects_pct_of_range": None,
         }
     }
     assert "diverges" in render_text([build_prediction_table(prediction)])

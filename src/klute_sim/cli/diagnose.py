@@ -12,6 +12,7 @@ from klute_sim.cli import common, completion
 from klute_sim.cli.common import NonEmptyPath
 
 if TYPE_CHECKING:
+    from klute_sim.diagnosis.transfer import TransferPrediction
     from klute_sim.types import ProgressCallback
 
 
@@ -131,7 +132,7 @@ def command(
     from klute_sim.cli.console import stdout_console
     from klute_sim.datasets.dataset import replace_tolerances
     from klute_sim.recording.run_folder import create_run_folder
-    from klute_sim.report.diagnosis.table import build_prediction_table
+    from klute_sim.report.diagnosis.prediction import build_numbers_table, build_prediction_table
 
     if example:
         write_example_dataset(folder)
@@ -139,7 +140,7 @@ def command(
     if tolerances:
         dataset = replace_tolerances(dataset, tolerances)
     predicted = [load_dataset(other, accept=accept) for other in predicted_folders]
-    for remark in dataset.remarks:
+    for remark in (*dataset.remarks, *(remark for other in predicted for remark in other.remarks)):
         stderr_console().print(f"{remark}.", soft_wrap=True)
     with create_run_folder("diagnose", out) as (run_folder, scratch):
         try:
@@ -153,6 +154,8 @@ def command(
         if predictions:
             rows = [prediction.to_dict() for prediction in predictions]
             (scratch / PREDICTIONS_FILE_NAME).write_text(json.dumps(rows, indent=2) + "\n", "utf-8")
+            if not no_report:
+                _save_prediction_figures(predictions, scratch)
     if as_json:
         content = result.to_dict()
         if predictions:
@@ -163,7 +166,19 @@ def command(
     print_summary(console, result.format_summary())
     for prediction in predictions:
         console.print(build_prediction_table(prediction))
+        for warning in prediction.warnings:
+            console.print(warning, soft_wrap=True)
+        console.print(build_numbers_table(prediction))
     console.print(f"Results: {run_folder}", soft_wrap=True)
+
+
+def _save_prediction_figures(predictions: "list[TransferPrediction]", folder: Path) -> None:
+    """Write ``prediction-1.png`` and so on into ``folder``, in the order of the options."""
+    from klute_sim.report.diagnosis.prediction import build_prediction_figure
+    from klute_sim.report.style import save_figure
+
+    for number, prediction in enumerate(predictions, 1):
+        save_figure(build_prediction_figure(prediction), folder / f"prediction-{number}.png")
 
 
 def _write_draft(folder: Path, device_name: str | None, *, is_alone: bool) -> None:

@@ -8,7 +8,7 @@ from klute_sim.datasets.dataset import Dataset, split_dataset
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import FitParameter, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.noise.repeats import list_channels
 from klute_sim.diagnosis.result import Diagnosis
@@ -29,6 +29,41 @@ class ChannelPrediction:
     measured_range: float
     """Largest minus smallest measured value [SI]."""
 
+    @property
+    def errors(self) -> dict[str, float]:
+        """Device -> error [SI]: 'nominal', 'refitted', 'with_effects'."""
+        return {"nominal": self.nominal, "refitted": self.refitted, "with_effects": self.with_effects}
+
+
+@dataclass(frozen=True)
+class TransferredNumber:
+    """A fitted number or parameter of an effect, as found and as used for the other dataset."""
+
+    name: str
+    """``section.key`` of a number, or ``effect.key`` of a parameter."""
+    found: float
+    """Value that the diagnosis found, in the unit of the name."""
+    used: float
+    """Value for the device of the other dataset, in the unit of the name."""
+    rule: str
+    """How the second value follows from the first."""
+
+
+@dataclass(frozen=True)
+class PredictedTrial:
+    """One channel of one trial of the predicted dataset, at the measured samples [SI]."""
+
+    name: str
+    """Name of the trial."""
+    channel: str
+    """Measured channel."""
+    measured: Array
+    """Measured values (samples,)."""
+    refitted: Array
+    """Simulated values with the refitted numbers, without effects (samples,)."""
+    with_effects: Array
+    """Simulated values with the added effects as well (samples,)."""
+
 
 @dataclass(frozen=True)
 class TransferPrediction:
@@ -40,6 +75,22 @@ class TransferPrediction:
     """Channel -> errors."""
     recommended: str
     """Which device the diagnosis recommends: 'with-effects' or 'without-effects'."""
+    numbers: tuple[TransferredNumber, ...] = ()
+    """Numbers and parameters that were carried over."""
+    trials: tuple[PredictedTrial, ...] = ()
+    """Measured and predicted values."""
+
+    @property
+    def warnings(self) -> list[str]:
+        """One sentence for each channel that the effects predict worse than the refitted device without them."""
+        return [
+            f"On '{self.dataset_name}' the added effects make the prediction of {channel} worse than that of the "
+            f"refitted device without them ({_format_error(p.with_effects, p, channel)} instead of "
+            f"{_format_error(p.refitted, p, channel)}): what was found does not hold there. Use the device without "
+            "them there."
+            for channel, p in self.channels.items()
+            if p.with_effects > p.refitted
+        ]
 
     def to_dict(self) -> dict[str, object]:
         """Return the errors in the units of their channels, for JSON; None where a simulation diverges."""
@@ -52,11 +103,30 @@ class TransferPrediction:
                 "refitted": _get_finite(p.refitted / si),
                 "with_effects": _get_finite(p.with_effects / si),
                 "range": p.measured_range / si,
-                "with_effects_pct_of_range": _get_finite(100.0 * p.with_effects / p.measured_range)
-                if p.measured_range
-                else None,
+                **{
+                    f"{name}_pct_of_range": _get_finite(100.0 * error / p.measured_range) if p.measured_range else None
+                    for name, error in p.errors.items()
+                },
             }
-        return {"dataset": self.dataset_name, "recommended": self.recommended, "channels": rows}
+        return {
+            "dataset": self.dataset_name,
+            "recommended": self.recommended,
+            "warnings": self.warnings,
+            "channels": rows,
+            "numbers": [
+                {"name": number.name, "found": number.found, "used": number.used, "rule": number.rule}
+                for number in self.numbers
+            ],
+        }
+
+
+def _format_error(error: float, prediction: ChannelPrediction, channel: str) -> str:
+    if not np.isfinite(error):
+        return "a simulation that diverges"
+    if not prediction.measured_range:
+        unit, si = CHANNEL_UNITS[channel]
+        return f"{error / si:.3g} {unit}"
+    return f"{100.0 * error / prediction.measured_range:.1f} % of the range"
 
 
 def _get_finite(value: float) -> float | None:
@@ -67,8 +137,9 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
     """Return how well the device that ``diagnosis`` found predicts ``dataset``, without any fit to it.
 
     The other dataset declares its own device, which states the changes of geometry. A number that the diagnosis fitted
-    keeps its *relative* change. Effects of device and body are added as they were found. Faults of instruments and
-    errors of the registration belong to the first set-up and stay there.
+    keeps its *relative* change. Effects of device and body are added as they were found; a parameter that changes with
+    the muscle's diameter changes with the ratio of the bladder radii. Faults of instruments and errors of the
+    registration belong to the first set-up and stay there.
 
     Raises InputError when nothing was fitted, the rigs differ, or the other device lacks a fitted number.
     """
@@ -81,10 +152,13 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
         )
     experiments = [e for e in prepare_experiments(dataset, split_dataset(dataset)) if e.measured]
     nominal = Hypothesis(dataset.device, (), ())
+    final_hypothesis, final_x = _detach_setup(diagnosis.final_fit, dataset)
+    ratio = _compute_diameter_ratio(diagnosis.dataset, dataset)
+    scaled_x = _scale_parameters(final_hypothesis, final_x, ratio)
     candidates = [
         (nominal, nominal.initial_point()),
         _detach_setup(diagnosis.base_fit, dataset),
-        _detach_setup(diagnosis.final_fit, dataset),
+        (final_hypothesis, scaled_x),
     ]
     simulator = Simulator(n_jobs)
     try:
@@ -101,8 +175,73 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
             for rows in residuals
         ]
         channels[channel] = ChannelPrediction(rms[0], rms[1], rms[2], _compute_range(experiments, channel))
-    recommended = "without-effects" if diagnosis.is_worse_on_test else "with-effects"
-    return TransferPrediction(dataset.folder.resolve().name, channels, recommended)
+    return TransferPrediction(
+        dataset_name=dataset.folder.resolve().name,
+        channels=channels,
+        recommended="without-effects" if diagnosis.is_worse_on_test else "with-effects",
+        numbers=_list_numbers(diagnosis.dataset, dataset, final_hypothesis, final_x, scaled_x, ratio),
+        trials=tuple(
+            PredictedTrial(
+                name=e.name,
+                channel=channel,
+                measured=series.value,
+                refitted=series.value - residuals[1][k][channel],
+                with_effects=series.value - residuals[2][k][channel],
+            )
+            for k, e in enumerate(experiments)
+            for channel, series in e.measured.items()
+        ),
+    )
+
+
+def _compute_diameter_ratio(first: Dataset, other: Dataset) -> float:
+    """Return the bladder radius of the device of ``other`` over that of ``first``, both as declared [1]."""
+    muscles = first.device.spec.muscle, other.device.spec.muscle
+    if muscles[0] is None or muscles[1] is None:
+        return 1.0
+    return muscles[1].bladder_radius_mm / muscles[0].bladder_radius_mm
+
+
+def _scale_parameters(hypothesis: Hypothesis, x: Array, ratio: float) -> Array:
+    """Return the normalized parameters ``x`` for a muscle with ``ratio`` times the diameter."""
+    scaled = x.copy()
+    for index, (parameter, value) in enumerate(zip(hypothesis.parameters, hypothesis.values(x), strict=True)):
+        exponent = _find_diameter_exponent(hypothesis, parameter)
+        if exponent and ratio != 1.0:
+            scaled[index] = parameter.normalize(value * ratio**exponent)
+    return scaled
+
+
+def _find_diameter_exponent(hypothesis: Hypothesis, parameter: FitParameter) -> float:
+    if parameter.term_index is None or hypothesis.terms[parameter.term_index].number:
+        return 0.0
+    term = hypothesis.terms[parameter.term_index]
+    return next(p.diameter_exponent for p in term.parameters if p.key == parameter.name)
+
+
+def _list_numbers(
+    first: Dataset, other: Dataset, hypothesis: Hypothesis, x: Array, scaled_x: Array, ratio: float
+) -> tuple[TransferredNumber, ...]:
+    """Return the fitted numbers and the parameters of effects, at ``x`` as found and at ``scaled_x`` as used."""
+    listed = []
+    found_numbers = hypothesis.correct_numbers(first.device, None, hypothesis.values(x))
+    used_numbers = hypothesis.correct_numbers(other.device, None, hypothesis.values(scaled_x))
+    declared = other.device.spec.collect_values()
+    for key, found in found_numbers.items():
+        if key in used_numbers:
+            rule = f"the declared {declared[key]:.4g}, changed as much as in the fit" if declared[key] else "as found"
+            listed.append(TransferredNumber(key, found, used_numbers[key], rule))
+    rows = zip(hypothesis.parameters, hypothesis.values(x), hypothesis.values(scaled_x), strict=True)
+    for parameter, found, used in rows:
+        if parameter.term_index is None or hypothesis.terms[parameter.term_index].number:
+            continue
+        term = hypothesis.terms[parameter.term_index]
+        exponent = _find_diameter_exponent(hypothesis, parameter)
+        rule = f"diameter to the power {exponent:g}" if exponent else f"as found, in {term.form_definition.equation}"
+        if not np.isclose(used, found * ratio**exponent):
+            rule += ", cut off at a limit of the effect"
+        listed.append(TransferredNumber(f"{term.effect}.{parameter.name}", found, used, rule))
+    return tuple(listed)
 
 
 def _detach_setup(fit: Fit, dataset: Dataset) -> tuple[Hypothesis, Array]:

@@ -1,7 +1,6 @@
 """Terminal summary of a diagnosis: sentences and tables."""
 
 from collections.abc import Iterator
-from math import isfinite
 
 from rich.table import Table
 
@@ -9,7 +8,6 @@ from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.sparse_regression import format_formula
-from klute_sim.diagnosis.transfer import TransferPrediction
 from klute_sim.report.diagnosis import text
 
 
@@ -45,22 +43,6 @@ def build_effects_table(diagnosis: Diagnosis, final_fit: Fit) -> Table:
                 value_text, lower, upper = text.format_interval(value, *interval)
                 unit = text.format_parameter_name(parameter, term.channel)[1]
                 table.add_row(str(term), parameter.name, value_text, f"{lower} to {upper}", unit or "-")
-    return table
-
-
-def build_prediction_table(prediction: TransferPrediction) -> Table:
-    """Return the errors of prediction of each channel of another dataset."""
-    headings = ("channel", "unit", "nominal", "refitted", "with effects", "% of range")
-    table = Table(
-        *headings, title=f"Prediction of '{prediction.dataset_name}' (rms), recommended: {prediction.recommended}"
-    )
-    for channel, p in prediction.channels.items():
-        unit, si = CHANNEL_UNITS[channel]
-        best = p.with_effects if prediction.recommended == "with-effects" else p.refitted
-        fraction = f"{100.0 * best / p.measured_range:.1f}" if p.measured_range and isfinite(best) else "-"
-        errors = (p.nominal, p.refitted, p.with_effects)
-        cells = (f"{value / si:.3g}" if isfinite(value) else "diverges" for value in errors)
-        table.add_row(channel, unit, *cells, fraction)
     return table
 
 

@@ -1,0 +1,128 @@
+"""Prediction of muscles of another diameter and length by what was found on one: known truth, and honest reports."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.api.rendering import render_text
+from klute_sim.datasets.dataset import load_dataset
+from klute_sim.datasets.write import write_trial
+from klute_sim.device.device import Device, parse_device
+from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
+from klute_sim.diagnosis.transfer import ChannelPrediction, TransferPrediction, predict_dataset
+from klute_sim.diagnosis.workflow import diagnose
+from klute_sim.report.diagnosis.prediction import (
+    build_numbers_table,
+    build_prediction_figure,
+    build_prediction_table,
+)
+from tests.datasets.test_muscle_diameter import TEN_MM, scale
+
+INTERVAL = 0.01
+NOISE_N = 1.0
+
+
+def write_muscles(folder: Path, device: Device, lengths: tuple[float, ...], head: str, seed: int = 0) -> Path:
+    """Write slow fillings of clamped ``device``, each at four contractions of every resting length [m]."""
+    rng = np.random.default_rng(seed)
+    folder.mkdir()
+    (folder / "muscle.toml").write_text(TEN_MM, "utf-8")
+    lines = ['format = "klute-sim-dataset/2"', 'rig = "bench"', 'device = "muscle.toml"', head]
+    time = np.arange(200) * INTERVAL
+    pressure = np.interp(time, [0.0, 0.3, 1.7, 2.0], [0.0, 0.0, 6e5, 6e5])
+    for resting in lengths:
+        own = device.with_changes({"muscle.resting_length_mm": 1e3 * resting})
+        for contraction in (0.0, 0.04, 0.08, 0.12):
+            length = np.full(len(time), (1.0 - contraction) * resting)
+            tension = simulate_rollouts(own.parameters, length, pressure, INTERVAL).tension
+            for repeat in range(2):
+                name = f"{1e3 * resting:.0f}_{1e3 * contraction:.0f}_{repeat}.csv"
+                columns = {"time [s]": time, "length [mm]": 1e3 * length, "pressure_command [bar]": 1e-5 * pressure}
+                write_trial(folder / name, columns | {"force [N]": tension + rng.normal(0.0, NOISE_N, len(time))})
+                lines += ["[[trial]]", f'files = ["{name}"]', f'group = "{resting} {contraction}"']
+                lines += ["[trial.device]", f'"muscle.resting_length_mm" = {1e3 * resting:g}']
+    (folder / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def true_device() -> Device:
+    """The bladder follows the braid, as in a fit of the turns."""
+    changes = {"muscle.turns_per_m": 13.6, "muscle.bladder_radius_mm": 5.5 * 13.26 / 13.6}
+    device = parse_device(TEN_MM.encode(), "10 mm muscle").with_changes(changes)
+    return device.with_effect("passive_tension", form="power", rise_n=500.0, offset_n=30.0)
+
+
+@pytest.fixture(scope="module")
+def diagnosis(true_device: Device, tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
+    folder = tmp_path_factory.mktemp("transfer") / "ten"
+    write_muscles(folder, true_device, (0.2,), '[uncertain]\n"muscle.turns_per_m" = "5 %"')
+    return diagnose(load_dataset(folder), DiagnosisOptions(only=("passive_tension",)))
+
+
+def test_device_of_one_diameter_predicts_another(diagnosis: Diagnosis, true_device: Device, tmp_path: Path) -> None:
+    head = '[diameter]\ndevice = "10 mm"\ntrials = "20 mm"'
+    folder = write_muscles(tmp_path / "twenty", scale(true_device, "10 mm", "20 mm"), (0.3,), head, seed=1)
+    prediction = predict_dataset(diagnosis, load_dataset(folder))
+    force = prediction.channels["force"]
+    assert force.with_effects < 0.005 * force.measured_range
+    assert force.with_effects < 0.1 * force.refitted < 0.1 * force.nominal
+    assert prediction.warnings == []
+    numbers = {number.name: number for number in prediction.numbers}
+    turns = numbers["muscle.turns_per_m"]
+    assert turns.found == pytest.approx(13.6, rel=0.01)
+    assert turns.used == pytest.approx(turns.found * 13.0 / 23.0, rel=1e-6)
+    assert numbers["passive_tension.rise_n"].used == numbers["passive_tension.rise_n"].found
+    assert "d/D" in numbers["passive_tension.rise_n"].rule
+    assert prediction.to_dict()["channels"]["force"]["refitted_pct_of_range"] > 1.0
+    text = render_text([build_prediction_table(prediction), build_numbers_table(prediction)])
+    assert "turns_per_m" in text
+    assert "%" in text
+    (axis,) = build_prediction_figure(prediction).axes
+    assert axis.get_xlabel() == "measured force [N]"
+    assert f"with effects added: rms {force.with_effects:.3g} N" in axis.get_title()
+    trial = prediction.trials[0]
+    assert np.sqrt(np.mean((trial.measured - trial.with_effects) ** 2)) < 0.005 * force.measured_range
+
+
+@pytest.mark.parametrize(("found", "used"), [(40.0, 40.0 * (23.0 / 13.0) ** 2), (800.0, 1000.0)])
+def test_parameters_that_grow_with_the_diameter_are_scaled(
+    found: float, used: float, diagnosis: Diagnosis, tmp_path: Path
+) -> None:
+    """The effect is replaced by one whose law does not contain the diameter; a value that is cut off says so."""
+    base = diagnosis.base_fit
+    assert base is not None
+    hypothesis = base.hypothesis.with_term(EffectTerm("muscle_damping", "pressure"))
+    fit = replace(base, hypothesis=hypothesis, x=np.append(base.x, found / 40.0))
+    head = '[diameter]\ndevice = "10 mm"\ntrials = "20 mm"'
+    device = parse_device(TEN_MM.encode(), "10 mm muscle")
+    folder = write_muscles(tmp_path / "twenty", scale(device, "10 mm", "20 mm"), (0.3,), head)
+    prediction = predict_dataset(replace(diagnosis, final_fit=fit), load_dataset(folder))
+    damping = next(n for n in prediction.numbers if n.name == "muscle_damping.coefficient_n_s_per_m")
+    assert (damping.found, damping.used) == pytest.approx((found, used))
+    assert damping.rule.startswith("diameter to the power 2")
+    assert ("cut off at a limit" in damping.rule) == (used == 1000.0)
+
+
+def test_effects_that_do_not_hold_elsewhere_are_said_not_to(
+    diagnosis: Diagnosis, true_device: Device, tmp_path: Path
+) -> None:
+    """The other muscle has no passive tension, so the refitted device without it predicts better."""
+    bare = parse_device(TEN_MM.encode(), "10 mm muscle").with_changes(
+        {"muscle.turns_per_m": true_device.spec.collect_values()["muscle.turns_per_m"]}
+    )
+    prediction = predict_dataset(diagnosis, load_dataset(write_muscles(tmp_path / "bare", bare, (0.25,), "")))
+    assert prediction.recommended == "with-effects"  # of the diagnosis, which has not seen these trials
+    (warning,) = prediction.warnings
+    assert "worse than that of the refitted device" in warning
+    assert prediction.to_dict()["warnings"] == [warning]
+
+
+def test_diverging_prediction_is_a_warning() -> None:
+    channels = {"force": ChannelPrediction(nominal=4.0, refitted=2.0, with_effects=np.inf, measured_range=100.0)}
+    (warning,) = TransferPrediction("other", channels, "with-effects").warnings
+    assert "a simulation that diverges instead of 2.0 % of the range" in warning
