@@ -136,7 +136,7 @@ def load_error(folder: Path) -> str:
         (
             'rig = "bench"',
             'rigg = "bench"',
-            "unknown key 'rigg'; allowed here: format, rig, device, uncertain, heading_row, columns, noise, ",
+            "unknown key 'rigg'; allowed here: format, rig, device, diameter, uncertain, heading_row, columns, noise, ",
         ),
         ('device = "klute-3-4-pair"', "device = 3", "device = 3 is refused; allowed: a preset, or the path"),
         ('device = "klute-3-4-pair"', 'device = " "', "[device] ' ' is refused; allowed: a name or path on one"),
