@@ -6,9 +6,9 @@ An arrow points from a package to a package that it imports. Imports that follow
 left out of the figure. The figure stores its graph as metadata, so a test can detect an outdated figure.
 """
 
+import argparse
 import ast
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ LAYERS = {
     **{"tuning": 12, "baselines": 12, "api": 13, "cli": 14},
 }
 """Layer of each package. A package imports only from lower layers."""
-COMMON_MODULES = {"constants", "errors", "parameters", "provenance", "types", "units", ""}
+COMMON_MODULES = {"constants", "errors", "parameters", "provenance", "terminal_table", "types", "units", ""}
 """Modules outside the packages that every package may import; they import no package."""
 METADATA_KEY = "architecture"
 """Key of the import graph in the metadata of the figure."""
@@ -124,4 +124,6 @@ def draw_architecture(file: Path) -> None:
 
 
 if __name__ == "__main__":
-    draw_architecture(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", type=Path, help="PNG file of the figure")
+    draw_architecture(parser.parse_args().file)
