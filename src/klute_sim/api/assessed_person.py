@@ -86,11 +86,10 @@ class AssessedPerson:
 
     def build_table(self) -> "Table":
         """Return the table of the controllers beside the own ankle; a star marks a shortfall."""
-        from rich import box
-        from rich.table import Table
-        from rich.text import Text
 
-        result = Table(title=Text(self.name), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+        from klute_sim.terminal_table import create_table
+
+        result = create_table(title=self.name)
         result.add_column("", overflow="fold")
         cells = {controller.name: format_cells(controller) for controller in self.controllers}
         # In a narrow terminal, a column in which every controller meets an absolute limit of zero says nothing.

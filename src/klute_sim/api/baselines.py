@@ -231,11 +231,10 @@ def _format_title(row: dict[str, Any]) -> str:
 
 
 def _build_table(title: str, rows: list[dict[str, Any]], columns: tuple[tuple[str, str, str], ...]) -> "Table":
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
 
-    result = Table(title=Text(title), box=box.SIMPLE_HEAD)
+    from klute_sim.terminal_table import create_table
+
+    result = create_table(title=title)
     result.add_column("")
     for name, _, _ in columns:
         result.add_column(name, justify="right", no_wrap=True)

@@ -2,13 +2,12 @@
 
 from typing import Any
 
-from rich.table import Table
-
 from klute_sim.api.inputs import DeviceLike, to_device
 from klute_sim.api.rendering import Summary
 from klute_sim.device.outdated_sources import find_outdated_sources
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
+from klute_sim.terminal_table import create_table
 from klute_sim.units import BAR
 
 LENGTH_RATIOS = (0.7, 0.8, 0.9, 0.96, 1.0)
@@ -80,7 +79,7 @@ def describe_device(device: DeviceLike, pressure_bar: float | None = None) -> di
 def format_description(description: dict[str, Any]) -> Summary:
     """Yield the tables and sentences of a device ``description`` (:func:`describe_device`)."""
     yield f"{description['name']}: {description['description']}"
-    numbers = Table("number", "value", "source")
+    numbers = create_table("number", "value", "source")
     for row in description["numbers"]:
         source = row["source"] or "no source given"
         is_uncertain = row["assumed"] or row["source"] is None
@@ -95,7 +94,7 @@ def format_description(description: dict[str, Any]) -> Summary:
     if not description["isometric_force"]:
         return
     muscles = f" of {description['n_muscles']} muscles" if description["n_muscles"] > 1 else ""
-    forces = Table(title=f"Isometric force{muscles} at {description['pressure_bar']:g} bar [N], model")
+    forces = create_table(title=f"Isometric force{muscles} at {description['pressure_bar']:g} bar [N], model")
     for title in ("length / resting length", "geometric", "with bladder", "with friction"):
         forces.add_column(title, justify="right")
     for row in description["isometric_force"]:

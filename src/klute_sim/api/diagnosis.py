@@ -286,9 +286,9 @@ class MeasurementPlan(SavedPlan):
 
     def format_summary(self) -> Summary:
         """Yield the table of the protocols."""
-        from rich.table import Table
+        from klute_sim.terminal_table import create_table
 
-        table = Table("protocol", "seconds", "use", "description")
+        table = create_table("protocol", "seconds", "use", "description")
         for row in self.to_dict()["protocols"]:
             use = row["use"] or "assigned later"
             table.add_row(row["name"], f"{row['duration_s']:.1f}", use, row["description"])

@@ -53,9 +53,9 @@ class JointPlan(SavedPlan):
 
     def format_summary(self) -> Summary:
         """Yield the table of the trials."""
-        from rich.table import Table
+        from klute_sim.terminal_table import create_table
 
-        table = Table("trial", "test", "seconds", "use")
+        table = create_table("trial", "test", "seconds", "use")
         for row in self.to_dict()["trials"]:
             table.add_row(row["name"], row["test"], f"{row['duration_s']:.1f}", row["use"] or "assigned later")
         yield table

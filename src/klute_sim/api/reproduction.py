@@ -142,12 +142,11 @@ def reproduce(
 
 
 def _format_items(title: str, assessments: list[ItemAssessment], *, with_kind: bool = True) -> Summary:
-    from rich.table import Table
-
     from klute_sim.report.reproduction.page import format_outcome_cells
+    from klute_sim.terminal_table import create_table
 
     columns = ("published", "computed", "difference", *(("kind",) if with_kind else ()))
-    table = Table("quantity", *columns, title=title)
+    table = create_table("quantity", *columns, title=title)
     table.add_column("verdict", no_wrap=True)
     for assessment in assessments:
         cells = format_outcome_cells(assessment)
@@ -161,9 +160,9 @@ def _format_items(title: str, assessments: list[ItemAssessment], *, with_kind: b
 
 
 def _format_counts(assessments: tuple[ItemAssessment, ...]) -> "Table":
-    from rich.table import Table
+    from klute_sim.terminal_table import create_table
 
-    table = Table("kind", *VERDICTS, "all", title="Items by kind and verdict")
+    table = create_table("kind", *VERDICTS, "all", title="Items by kind and verdict")
     for kind, counts in count_kinds(assessments).items():
         table.add_row(kind, *(str(counts[verdict]) for verdict in VERDICTS), str(sum(counts.values())))
     totals = count_verdicts(assessments)

@@ -124,10 +124,9 @@ class SearchResult(Printable, Generic[P, E]):
         yield self.scope
 
     def _build_table(self) -> "Table":
-        from rich import box
-        from rich.table import Table
+        from klute_sim.terminal_table import create_table
 
-        table = Table(box=box.SIMPLE_HEAD)
+        table = create_table()
         table.add_column("")
         for name in ("before", "tuned"):
             table.add_column(name, justify="right")

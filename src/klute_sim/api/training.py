@@ -82,15 +82,14 @@ class TrainingResult(Printable):
         )
 
     def _build_table(self) -> "Table":
-        from rich import box
-        from rich.table import Table
+        from klute_sim.terminal_table import create_table
 
         summary = self.summary
         title = (
             f"{summary['algorithm'].upper()}, seed {summary['seed']}: {summary['steps']} steps in "
             f"{summary['minutes']:.1f} min"
         )
-        table = Table(title=title, box=box.SIMPLE_HEAD)
+        table = create_table(title=title)
         table.add_column("mean per episode")
         table.add_column("policy", justify="right", style="bold")
         table.add_column(summary["baseline_name"].replace(" ", "\n"), justify="right")

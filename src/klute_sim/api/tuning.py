@@ -116,10 +116,9 @@ class TuningResult(Printable):
         yield from self.summary["remarks"]
 
     def _build_table(self) -> "Table":
-        from rich import box
-        from rich.table import Table
+        from klute_sim.terminal_table import create_table
 
-        table = Table(box=box.SIMPLE_HEAD)
+        table = create_table()
         columns = ("before", "tuned", "human")
         table.add_column("")
         for name in columns:

@@ -218,10 +218,9 @@ def _choose_walker(walker: Walker | str | Path | None, condition: dict[str, Any]
 
 def build_walker_table() -> "Table":
     """Return the table of the shipped walkers: condition, seed, cost, evaluations and speed."""
-    from rich import box
-    from rich.table import Table
+    from klute_sim.terminal_table import create_table
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = create_table()
     for name in ("walker", "prosthesis", "controller"):
         table.add_column(name)
     for name in ("seed", "evaluations", "cost", "m/s"):

@@ -98,10 +98,9 @@ class WalkComparison(Printable):
         )
 
     def _build_table(self) -> "Table":
-        from rich import box
-        from rich.table import Table
+        from klute_sim.terminal_table import create_table
 
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+        table = create_table()
         for name in ("outcome", "unit"):
             table.add_column(name, no_wrap=True)
         for name in (*self.conditions, "difference", "95 % interval", "walkers"):

@@ -73,16 +73,15 @@ def command(names: tuple[str, ...], gait: bool, as_json: bool) -> None:
 
 
 def _print(results: dict[str, Any], *, gait: bool) -> None:
-    from rich.table import Table
-
     from klute_sim.cli.console import stdout_console
+    from klute_sim.terminal_table import create_table
 
     console = stdout_console()
     for name, rows in results.items():
         if not rows:
             console.print(f"{name}: no number is marked as assumed (klute-sim device lists the sources).\n")
             continue
-        table = Table("number", "value", "reason", "changed to", "relative changes", title=name)
+        table = create_table("number", "value", "reason", "changed to", "relative changes", title=name)
         for row in rows:
             largest = sorted(row["changes"].items(), key=lambda pair: -abs(pair[1]))[:MAX_CHANGES_SHOWN]
             changes = "; ".join(

@@ -125,11 +125,12 @@ def _analyze_identifiability(device_name: str, effect: "Effect | None", out: Pat
 
 
 def _print_identifiability(rows: list[dict[str, Any]]) -> None:
-    from rich.table import Table
-
     from klute_sim.cli.console import stdout_console
+    from klute_sim.terminal_table import create_table
 
-    table = Table("effect", "typical size over noise", "after refitting", "indistinguishable from", "separated by")
+    table = create_table(
+        "effect", "typical size over noise", "after refitting", "indistinguishable from", "separated by"
+    )
     for row in rows:
         name = f"{row['effect']} ({row['form']})" + (f" of {row['channel']}" if row["channel"] else "")
         alike = "\n".join(f"{pair['effect']} ({pair['cosine']:.2f})" for pair in row["alike"])
@@ -174,11 +175,10 @@ def _print_json(content: Any) -> None:
 
 
 def _print_effects(effects: list[dict[str, Any]]) -> None:
-    from rich.table import Table
-
     from klute_sim.cli.console import stdout_console
+    from klute_sim.terminal_table import create_table
 
-    table = Table("effect", "kind", "forms", "description")
+    table = create_table("effect", "kind", "forms", "description")
     for effect in effects:
         forms = ", ".join(form["name"] for form in effect["forms"])
         table.add_row(effect["name"], effect["kind"], forms, effect["description"])
@@ -186,9 +186,8 @@ def _print_effects(effects: list[dict[str, Any]]) -> None:
 
 
 def _print_effect(effect: dict[str, Any]) -> None:
-    from rich.table import Table
-
     from klute_sim.cli.console import stdout_console
+    from klute_sim.terminal_table import create_table
 
     console = stdout_console()
     console.print(f"{effect['name']}: {effect['description']}", soft_wrap=True)
@@ -197,7 +196,7 @@ def _print_effect(effect: dict[str, Any]) -> None:
         default_note = text.format_default_note(index, effect["forms"])
         console.print(f"\nForm {form['name']}{default_note}: {form['equation']}", soft_wrap=True)
         console.print(text.describe_hooks(form), soft_wrap=True)
-        table = Table(*text.PARAMETER_HEADINGS)
+        table = create_table(*text.PARAMETER_HEADINGS)
         for row in form["parameters"]:
             table.add_row(*text.format_parameter_cells(row), style="yellow" if row["assumed"] else None)
         console.print(table)

@@ -3,13 +3,12 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from rich import box
 from rich.table import Table
-from rich.text import Text
 
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.parameter_sweep.evaluate import CONTACT_LOST_COLUMN, STATUS_COLUMNS, TRIPS_COLUMN, UNTRACKED_COLUMN
 from klute_sim.parameter_sweep.table import FAILURE_COLUMN, SweepRow
+from klute_sim.terminal_table import create_table
 
 MAX_ROWS_SHOWN = 40
 """Maximum number of rows shown; the files contain all of them."""
@@ -85,7 +84,7 @@ def _format_rows(
     format_remark: Callable[[SweepRow], str],
 ) -> Table:
     varied = {column: title for column, title in input_titles.items() if len({row[column] for row in rows}) > 1}
-    table = Table(title=Text(f"{len(rows)} cases"), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table = create_table(title=f"{len(rows)} cases")
     for column, title in varied.items():
         longest = max(len(format_cell(row[column], ".4g", placeholder)) for row in rows)
         table.add_column(title, overflow="fold", min_width=min(longest, MIN_NAME_WIDTH_CHARS))

@@ -3,13 +3,12 @@
 import math
 from collections.abc import Sequence
 
-from rich import box
 from rich.table import Table
-from rich.text import Text
 
 from klute_sim.parameter_sweep.display import MAX_ROWS_SHOWN, MIN_NAME_WIDTH_CHARS, format_cell
 from klute_sim.parameter_sweep.table import FAILURE_COLUMN, SweepRow
 from klute_sim.parameter_sweep.walk_metrics import ACUTE_COLUMN, FELL_COLUMN
+from klute_sim.terminal_table import create_table
 
 WALK_INPUT_TITLES = {
     "device": "device",
@@ -36,8 +35,7 @@ def format_walk_table(rows: Sequence[SweepRow]) -> Table:
     groups: dict[tuple[object, ...], list[SweepRow]] = {}
     for row in rows:
         groups.setdefault(tuple(row[column] for column in WALK_INPUT_TITLES), []).append(row)
-    title = Text(f"{len(groups)} conditions, {len(rows)} walks")
-    table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table = create_table(title=f"{len(groups)} conditions, {len(rows)} walks")
     for column, heading in varied.items():
         longest = max(len(format_cell(row[column], ".4g")) for row in rows)
         table.add_column(heading, overflow="fold", min_width=min(longest, MIN_NAME_WIDTH_CHARS))

@@ -3,12 +3,11 @@
 import math
 from typing import Any
 
-from rich import box
 from rich.table import Table
-from rich.text import Text
 
 from klute_sim import units
 from klute_sim.bench.run import BenchResult, BenchTrial
+from klute_sim.terminal_table import create_table
 
 MIN_OVERLAP_PCT = 99.0
 """Smallest overlap [%] of pressure and motion that counts as complete."""
@@ -64,7 +63,7 @@ def build_table(result: BenchResult) -> Table:
     first = result.trials[0]
     metrics = TABLE_METRICS[result.protocol.kind] or tuple(key for key in first.metrics if key != "ledger_residual_j")
     rig = "MuJoCo tester" if result.use_mujoco else "device only"
-    table = Table(title=Text(f"{result.protocol.name}: {result.device.name}, {rig}"), box=box.SIMPLE_HEAD)
+    table = create_table(title=f"{result.protocol.name}: {result.device.name}, {rig}")
     # Conditions that are constant are left to the files, unless all of them are constant.
     varied = [key for key in first.conditions if len({t.conditions[key] for t in result.trials}) > 1] or list(
         first.conditions

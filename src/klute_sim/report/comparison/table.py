@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator
 
-from rich import box
 from rich.table import Table
-from rich.text import Text
 
 from klute_sim.comparison.comparison import Comparison, ComparisonPart
 from klute_sim.report.comparison import text as words
 from klute_sim.report.comparison.text import DifferenceRow
+from klute_sim.terminal_table import create_table
 
 MIN_NAME_WIDTH_CHARS = 14
 """Width [characters] of the column of names in a narrow terminal."""
@@ -97,7 +96,7 @@ def _build_single_series_table(comparison: Comparison) -> Table:
 
 def _create_table(title: str) -> Table:
     """Return a table whose first column is for names, which wrap between words and are never cut."""
-    table = Table(title=Text(title), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table = create_table(title=title)
     table.add_column("channel", min_width=MIN_NAME_WIDTH_CHARS, overflow="fold")
     return table
 

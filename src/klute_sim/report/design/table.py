@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from rich import box
 from rich.table import Table
 
 from klute_sim.sizing.parts.actuator import MIN_TESTED_SLENDERNESS
+from klute_sim.terminal_table import create_table
 
 PRESSURE_TOLERANCE_RATIO = 1.02
 """Largest ratio of cylinder pressure to allowed pressure that is attributed to rounding of the orifices."""
@@ -31,7 +31,7 @@ def build_tables(summary: dict[str, Any]) -> list[Table]:
 
 
 def _create_table(title: str, *headings: str) -> Table:
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    table = create_table(title=title)
     for index, heading in enumerate(headings):
         table.add_column(heading, justify="right" if index else "left", no_wrap=index > 0)
     return table

@@ -11,6 +11,7 @@ from klute_sim.diagnosis.transfer import TransferPrediction
 from klute_sim.report.diagnosis import text as words
 from klute_sim.report.diagnosis.localization_figure import CASE_COLOURS
 from klute_sim.report.style import add_heading, use_style
+from klute_sim.terminal_table import create_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,7 +23,7 @@ MAX_POINTS = 3000
 def build_prediction_table(prediction: TransferPrediction) -> Table:
     """Return the errors of prediction of each channel of another dataset, with per cent of the measured range."""
     headings = ("channel", "unit", "range", "nominal", "refitted", "with effects")
-    table = Table(
+    table = create_table(
         *headings, title=f"Prediction of '{prediction.dataset_name}' (rms), recommended: {prediction.recommended}"
     )
     for channel, p in prediction.channels.items():
@@ -37,7 +38,7 @@ def build_prediction_table(prediction: TransferPrediction) -> Table:
 
 def build_numbers_table(prediction: TransferPrediction) -> Table:
     """Return the fitted numbers and parameters of effects, as found and as used for the other dataset."""
-    table = Table("number", "found", "used", "rule", title=f"Carried over to '{prediction.dataset_name}'")
+    table = create_table("number", "found", "used", "rule", title=f"Carried over to '{prediction.dataset_name}'")
     for number in prediction.numbers:
         table.add_row(number.name, f"{number.found:.4g}", f"{number.used:.4g}", number.rule)
     return table

@@ -9,6 +9,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.sparse_regression import format_formula
 from klute_sim.report.diagnosis import text
+from klute_sim.terminal_table import create_table
 
 
 def iterate_summary(diagnosis: Diagnosis) -> Iterator[Table | str]:
@@ -35,7 +36,9 @@ def iterate_summary(diagnosis: Diagnosis) -> Iterator[Table | str]:
 
 def build_effects_table(diagnosis: Diagnosis, final_fit: Fit) -> Table:
     """Return the parameters of the added effects with their 95 % confidence intervals."""
-    table = Table("effect", "parameter", "value", "95 % interval", "unit", title=text.format_effects_title(diagnosis))
+    table = create_table(
+        "effect", "parameter", "value", "95 % interval", "unit", title=text.format_effects_title(diagnosis)
+    )
     rows = list(zip(final_fit.hypothesis.parameters, final_fit.values, diagnosis.confidence_intervals, strict=True))
     for index, term in enumerate(final_fit.hypothesis.terms):
         for parameter, value, interval in rows:
@@ -51,7 +54,7 @@ def build_gap_table(diagnosis: Diagnosis) -> Table:
     trials = "test trials" if diagnosis.evaluated_on == "test" else "fitted trials (no usable test trial)"
     headings = ("channel", "unit", "nominal", "refitted", "with effects", "repeat noise")
     note = text.describe_weights(diagnosis) or None
-    table = Table(*headings, title=f"Measured - simulated (rms) on {trials}", caption=note)
+    table = create_table(*headings, title=f"Measured - simulated (rms) on {trials}", caption=note)
     for channel, rms in diagnosis.channel_rms.items():
         unit, si = CHANNEL_UNITS[channel]
         nominal, refitted, with_effects = (f"{v / si:.3g}" for v in (rms.nominal, rms.refitted, rms.with_effects))

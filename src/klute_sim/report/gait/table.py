@@ -4,9 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
-from rich import box
 from rich.table import Table
-from rich.text import Text
 
 from klute_sim.device.schema.foot import RIGID_FOOT
 from klute_sim.gait.metrics import (
@@ -20,6 +18,7 @@ from klute_sim.gait.metrics import (
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.gait.rig.hip_path import FORWARD_TOLERANCE_BW, MAX_LEARNING_STRIDES, VERTICAL_TOLERANCE_BW
 from klute_sim.recording.recording import Recording
+from klute_sim.terminal_table import create_table
 
 Row: TypeAlias = tuple[str, str, str, Callable[[StrideMetrics], float | None]]
 """Label, unit, number format, and metric of a stride."""
@@ -141,7 +140,7 @@ def build_stride_table(recording: Recording, metrics: GaitMetrics) -> Table:
 
 
 def _create_table(title: str) -> Table:
-    table = Table(title=Text(title), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table = create_table(title=title)
     table.add_column("", min_width=MIN_LABEL_WIDTH_CHARS)  # in a narrow terminal, labels wrap and numbers do not
     table.add_column("unit", style="dim", no_wrap=True)
     return table

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich import box
 from rich.table import Table
 
 from klute_sim.recording.frequency_response import Correction, ResponseComparison
 from klute_sim.report.style import add_heading, use_style
+from klute_sim.terminal_table import create_table
 from klute_sim.types import Array
 
 CSV_HEADING = (
@@ -85,7 +85,7 @@ def describe_response(comparison: ResponseComparison, unit: str) -> list[str]:
 
 def build_response_table(comparison: ResponseComparison) -> Table:
     """Build the table of gains and phases; the simulated gain has the factor."""
-    table = Table(box=box.SIMPLE_HEAD)
+    table = create_table()
     for heading in TABLE_HEADINGS:
         table.add_column(heading, justify="right")
     measured, simulated = comparison.measured, comparison.factor.gain * comparison.simulated

@@ -3,12 +3,11 @@
 import math
 from typing import Any
 
-from rich import box
 from rich.table import Table
-from rich.text import Text
 
 from klute_sim import units
 from klute_sim.mechanism.run import JointTestResult
+from klute_sim.terminal_table import create_table
 from klute_sim.units import BAR
 
 DEVICE_METRICS = ("work_", "ledger_residual_", "air_drawn_")
@@ -49,16 +48,22 @@ def summarize_joint_test(result: JointTestResult) -> dict[str, Any]:
 def build_table(result: JointTestResult) -> Table:
     """Build the table of the metrics of the joint, with one row per trial."""
     devices = ", ".join(f"{name}: {device.name}" for name, device in result.devices.items())
-    table = Table(title=Text(f"{result.test}: {result.file.name} ({devices})"), box=box.SIMPLE_HEAD)
+    table = create_table(title=f"{result.test}: {result.file.name} ({devices})")
     first = result.trials[0]
     keys = [key for key in first.metrics if not key.startswith(DEVICE_METRICS)]
     for key in (*first.conditions, *keys):
-        name, unit = ("load", "N m" if result.unit == "deg" else "N") if key == "load" else units.split_unit(key)
-        table.add_column(f"{name.replace('_', ' ')}\n{f'[{unit}]' if unit else ''}", justify="right")
+        name, unit = split_name(result, key)
+        table.add_column(f"{name}\n{f'[{unit}]' if unit else ''}", justify="right")
     for trial in result.trials:
         values = {**trial.conditions, **trial.metrics}
         table.add_row(*(_format(values[key]) for key in (*first.conditions, *keys)))
     return table
+
+
+def split_name(result: JointTestResult, key: str) -> tuple[str, str]:
+    """Return a condition or metric ``key`` in words, and its unit; '' if it has none."""
+    name, unit = ("load", "N·m" if result.unit == "deg" else "N") if key == "load" else units.split_unit(key)
+    return name.replace("_", " "), unit
 
 
 def _format(value: float) -> str:

@@ -8,8 +8,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby, pairwise
 from typing import Any
 
-from rich import box
 from rich.table import Table
+
+from klute_sim.terminal_table import create_table
 
 MAX_LISTED_FILES = 3
 """Maximum number of files that are listed by name; the rest are counted."""
@@ -84,7 +85,7 @@ def build_table(
 ) -> Table:
     """Build a table of ``rows``; words in ``unbroken_columns`` are not broken in a narrow terminal."""
     rows = list(rows)
-    table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table = create_table(title=title)
     for k, heading in enumerate(headings):
         words = [word for row in rows for word in row[k].split()] if heading in unbroken_columns else []
         table.add_column(heading, overflow="fold", min_width=max(map(len, words), default=None))

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from rich import box
 from rich.table import Table
-from rich.text import Text
+
+from klute_sim.terminal_table import create_table
 
 LEG_ROWS: tuple[tuple[str, str, str, str], ...] = (
     ("step length", "m", ".3f", "step_length"),
@@ -40,7 +40,7 @@ def format_headline(summary: dict[str, Any]) -> str:
 def build_table(summary: dict[str, Any]) -> Table:
     """Build the table of both legs, and below it the likeness of each leg to able-bodied adults."""
     right = "right" if summary["prosthesis"] is None else "right (prosthesis)"
-    table = Table(title=Text("mean of the strides after 3 s"), box=box.SIMPLE_HEAD, pad_edge=False)
+    table = create_table(title="mean of the strides after 3 s")
     table.add_column("", min_width=15)
     table.add_column("unit", style="dim", no_wrap=True)
     table.add_column("left", justify="right", style="bold", no_wrap=True)
