@@ -35,6 +35,8 @@ STYLE: Any = {
 HUMAN_COLOUR, HUMAN_BAND_COLOUR = "0.2", "0.87"
 HUMAN_LINE: Any = {"color": HUMAN_COLOUR, "linestyle": "--", "linewidth": 1.0, "zorder": 3.0}
 """Line of measured human gait; it stays visible where a simulated one agrees."""
+COMMAND_LINE: Any = {"color": "0.1", "linestyle": "--", "linewidth": 0.9, "zorder": 3.0}
+"""Line of a command; it stays visible where the quantity follows it."""
 PROSTHESIS_COLOUR, EARLIER_COLOUR = "#1f77b4", "#9ecae1"
 MEASURED_COLOUR, ZERO_LINE_COLOUR = "0.15", "0.6"
 SERIES_COLOURS = ("#1f77b4", "#e6842a", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#17becf", "#e377c2")

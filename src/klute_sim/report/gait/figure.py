@@ -7,6 +7,7 @@ from klute_sim.constants import GRAVITY
 from klute_sim.gait.metrics import compute_gait_metrics, is_level_ground, is_spring_foot
 from klute_sim.recording.recording import Recording
 from klute_sim.report.style import (
+    COMMAND_LINE,
     EARLIER_COLOUR,
     HUMAN_BAND_COLOUR,
     HUMAN_LINE,
@@ -108,9 +109,7 @@ def _plot_moment_over_angle(axis: Axes, strides: list[Recording], mass: float) -
 def _plot_pressure(axis: Axes, stride: Recording) -> None:
     phase = stride["gait_phase"]
     axis.plot(phase, stride["pressure"], color="#2ca02c", linewidth=1.8, label="delivered")
-    axis.plot(
-        phase, stride["pressure_command"], color="0.1", linestyle="--", linewidth=0.9, zorder=3.0, label="commanded"
-    )
+    axis.plot(phase, stride["pressure_command"], label="commanded", **COMMAND_LINE)
     axis.set_title("gauge pressure [bar]")
     axis.set_ylim(bottom=0)
     add_legend(axis)

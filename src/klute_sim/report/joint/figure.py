@@ -3,8 +3,9 @@
 from matplotlib.figure import Figure
 
 from klute_sim.datasets.mechanism_channels import normalize_name
-from klute_sim.mechanism.run import JointTestResult
-from klute_sim.report.style import add_heading, get_series_colour, use_style
+from klute_sim.mechanism.run import JointTestResult, JointTrialResult
+from klute_sim.report.joint.table import split_name
+from klute_sim.report.style import add_heading, get_ordered_colours, get_series_colour, use_style
 
 DESCRIPTION = "Position of the joint, pressures and forces of the devices of every trial over time."
 """Text that stands for the figure where it cannot be seen."""
@@ -13,14 +14,18 @@ LINE_STYLES = ("-", "--")
 
 
 def build_figure(result: JointTestResult) -> Figure:
-    """Plot all trials of ``result``: position of the joint, then pressures and forces of the devices."""
+    """Plot all trials of ``result``: position of the joint, then pressures and forces of the devices.
+
+    The condition that varies orders the trials and their colours.
+    """
+    trials, labels, colours = _order_trials(result)
     with use_style() as create_figure:
         figure = create_figure(7.5)
         position, pressure, force = figure.subplots(3, 1, sharex=True)
-        for k, trial in enumerate(result.trials):
-            recording, colour = trial.recording, get_series_colour(k)
+        for trial, label, colour in zip(trials, labels, colours, strict=True):
+            recording = trial.recording
             time = recording["time"]
-            position.plot(time, recording[result.position_channel], color=colour, label=trial.name)
+            position.plot(time, recording[result.position_channel], color=colour, label=label)
             for name, style in zip(map(normalize_name, result.devices), LINE_STYLES, strict=False):
                 pressure.plot(time, recording[f"pressure_{name}"], style, color=colour, linewidth=1.0)
                 force.plot(time, recording[f"force_{name}"], style, color=colour, linewidth=1.0)
@@ -33,3 +38,18 @@ def build_figure(result: JointTestResult) -> Figure:
         force.set_xlabel("time [s]")
         add_heading(figure, f"{result.test}: {result.file.name}", position)
     return figure
+
+
+def _order_trials(result: JointTestResult) -> tuple[list[JointTrialResult], list[str], list[str]]:
+    """Return the trials in the order of the condition that varies, with label and colour; by name if none does."""
+    trials = list(result.trials)
+    for key in trials[0].conditions:
+        values = [trial.conditions[key] for trial in trials]
+        if len(set(values)) == len(values) > 1:
+            name, unit = split_name(result, key)
+            trials.sort(key=lambda trial: trial.conditions[key])
+            sign = "+" if min(values) < 0.0 else ""
+            labels = [f"{name} {trial.conditions[key]:{sign}.4g} {unit}".rstrip() for trial in trials]
+            colours = get_ordered_colours(values)
+            return trials, labels, [colours[trial.conditions[key]] for trial in trials]
+    return trials, [trial.name for trial in trials], [get_series_colour(k) for k in range(len(trials))]

@@ -1,5 +1,7 @@
 """Figure of a walk: the mean stride of both legs over able-bodied adults, and the whole walk."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -7,13 +9,13 @@ from matplotlib.figure import Figure
 from klute_sim.constants import GRAVITY
 from klute_sim.gait.reference import load_default_reference
 from klute_sim.recording.recording import Recording
-from klute_sim.report.style import HUMAN_LINE, PROSTHESIS_COLOUR, add_heading, add_legend, use_style
+from klute_sim.report.style import COMMAND_LINE, HUMAN_LINE, PROSTHESIS_COLOUR, add_heading, add_legend, use_style
 from klute_sim.walker.outcomes import CURVES, N_PHASES, WalkOutcomes
 from klute_sim.walker.person.body import MUSCLES
 
 DESCRIPTION = (
     "Mean stride of both legs over that of able-bodied adults: hip, knee and ankle angle and ground reaction; below, "
-    "mean activation of the muscles, speed, and command and moment of the device over time."
+    "mean activation of the muscles, speed, and pressure and moment of the device over time."
 )
 """Text that stands for the figure where it cannot be seen."""
 LEG_COLOURS = {"left": "#e6842a", "right": PROSTHESIS_COLOUR}
@@ -25,8 +27,8 @@ PANEL_TITLES = {
     "grf_forward": "fore-aft ground reaction [body weights], forward up",
 }
 """Title of the panel by curve."""
-MOMENT_SCALE = 0.05
-"""Scale of the moment of the device beside its command [bar/(N m)]: 20 N m are as high as 1 bar."""
+SHOWN_SECONDS = 4.0
+"""Time at the end of the walk over which the device is plotted [s]."""
 
 
 def build_figure(recording: Recording, outcomes: WalkOutcomes) -> Figure:
@@ -36,17 +38,18 @@ def build_figure(recording: Recording, outcomes: WalkOutcomes) -> Figure:
     name = provenance["prosthesis"]["name"] if has_prosthesis else "intact person"
     acute = ", acute" if provenance["is_acute"] else ""
     fall = f"; falls after {outcomes.duration_s:.1f} s" if outcomes.has_fallen else ""
+    has_device = "pressure_command" in recording
+    rows = 5 if has_device else 4
     with use_style() as create_figure:
-        figure = create_figure(11.0)
-        axes = figure.subplots(4, 2)
+        figure = create_figure(0.3 + 2.7 * rows)
+        axes = figure.subplots(rows, 2)
         for axis, (curve, title) in zip(axes.flat, PANEL_TITLES.items(), strict=False):
             _plot_curve(axis, outcomes, curve, title, has_prosthesis)
         _plot_activations(axes[2, 1], recording)
         _plot_speed(axes[3, 0], recording)
-        if "pressure_command" in recording:
-            _plot_device(axes[3, 1], recording)
-        else:
-            _plot_load(axes[3, 1], recording)
+        _plot_load(axes[3, 1], recording)
+        if has_device:
+            _plot_device(axes[4], recording)
         heading = f"{name}, walker {provenance['walker']['name']}{acute}: {provenance['kind']}{fall}"
         add_heading(figure, heading, axes[0, 0])
     return figure
@@ -91,20 +94,23 @@ def _plot_speed(axis: Axes, recording: Recording) -> None:
     axis.set_xlabel("time [s]")
 
 
-def _plot_device(axis: Axes, recording: Recording) -> None:
-    """Plot commanded pressure and moment of the device over the last seconds."""
-    last = recording.select(recording["time"] > recording["time"][-1] - 4.0)
-    axis.plot(last["time"], last["pressure_command"], color="#2ca02c", linewidth=1.2, label="command [bar]")
-    moment = MOMENT_SCALE * last["device_moment"]
-    axis.plot(last["time"], moment, color="#d62728", linewidth=1.0, label="moment [20 N·m], plantarflexor up")
-    axis.set_title("device: pressure command and moment")
-    axis.set_xlabel("time [s]")
-    add_legend(axis)
+def _plot_device(axes: Sequence[Axes], recording: Recording) -> None:
+    """Plot pressure and moment of the device over the last seconds."""
+    last = recording.select(recording["time"] > recording["time"][-1] - SHOWN_SECONDS)
+    pressure, moment = axes
+    pressure.plot(last["time"], last["pressure"], color="#2ca02c", linewidth=2.0, label="delivered")
+    pressure.plot(last["time"], last["pressure_command"], label="commanded", **COMMAND_LINE)
+    pressure.set_title("gauge pressure [bar]")
+    add_legend(pressure)
+    moment.plot(last["time"], last["device_moment"], color=PROSTHESIS_COLOUR, linewidth=1.4)
+    moment.set_title("moment of the device [N·m], plantarflexor up")
+    for axis in axes:
+        axis.set_xlabel("time [s]")
 
 
 def _plot_load(axis: Axes, recording: Recording) -> None:
     """Plot the vertical ground reactions of the last seconds."""
-    last = recording.select(recording["time"] > recording["time"][-1] - 4.0)
+    last = recording.select(recording["time"] > recording["time"][-1] - SHOWN_SECONDS)
     weight = float(recording.provenance["options"]["mass_kg"]) * GRAVITY
     for side, colour in LEG_COLOURS.items():
         axis.plot(last["time"], last[f"grf_vertical_{side}"] / weight, color=colour, linewidth=1.0, label=side)
