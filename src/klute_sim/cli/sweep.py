@@ -335,5 +335,6 @@ def command(
         return
     console = stdout_console()
     print_summary(console, result.format_summary())
-    files = ["index.html", *sorted(file.name for file in result.folder.glob("sweep.*"))]
+    written = (file.name for pattern in ("figure.png", "sweep.*") for file in sorted(result.folder.glob(pattern)))
+    files = ["index.html", *written]
     console.print(f"Sweep folder: {result.folder}  ({', '.join(files)})", soft_wrap=True)
