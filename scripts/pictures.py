@@ -2,7 +2,7 @@
 
     python scripts/pictures.py
 
-Requires the extras 'rerun' and 'rendering', and takes some minutes. Inspect the changes before committing them.
+Requires the extras 'rerun', 'rendering' and 'tune', and takes some minutes. Inspect the changes before committing them.
 """
 
 import subprocess
@@ -13,7 +13,7 @@ SCRIPTS_FOLDER = Path(__file__).parent
 DOCS_FOLDER = SCRIPTS_FOLDER.parent / "docs"
 SCRIPT_OUTPUTS = {
     "architecture.py": DOCS_FOLDER / "pictures" / "architecture.png",
-    "view_pictures.py": DOCS_FOLDER / "pictures",
+    "command_pictures.py": DOCS_FOLDER / "pictures",
     "first_screen.py": DOCS_FOLDER / "pictures",
     "effect_pages.py": DOCS_FOLDER / "effects",
 }

@@ -116,13 +116,27 @@ def build_small_site(folder: Path, index: str) -> subprocess.CompletedProcess[st
     return subprocess.run(command, capture_output=True, text=True, env={**os.environ, "LC_ALL": "C"}, check=False)
 
 
-@pytest.mark.parametrize("name", ["gait", "walk", "diagnose"])
-def test_viewer_figures_are_current(name: str) -> None:
-    view_pictures = load_script("view_pictures")
-    assert name in view_pictures.VIEWS
-    with Image.open(ROOT / "docs" / "pictures" / f"view-{name}.png") as figure:
-        drawn = figure.text[view_pictures.DIGEST_KEY]
-    assert drawn == view_pictures.compute_digest(), "run `python scripts/view_pictures.py docs/pictures`"
+@pytest.mark.parametrize("name", load_script("command_pictures").PICTURES)
+def test_pictures_of_the_commands_are_current(name: str) -> None:
+    command_pictures = load_script("command_pictures")
+    drawn = command_pictures.read_digest(ROOT / "docs" / "pictures" / f"{name}.png")
+    hint = f"run `python scripts/command_pictures.py docs/pictures --only {name}`"
+    assert drawn == command_pictures.compute_digest(name), hint
+
+
+def test_every_picture_is_on_a_page() -> None:
+    text = "".join(path.read_text("utf-8") for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+    for path in (ROOT / "docs" / "pictures").iterdir():
+        assert f"pictures/{path.name})" in text, path.name
+
+
+def test_picture_depends_on_its_commands_and_on_the_code_that_draws_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    command_pictures = load_script("command_pictures")
+    picture = command_pictures.PICTURES["gait"]
+    digest = command_pictures.compute_digest("gait")
+    for changed in (picture._replace(commands=("gait",)), picture._replace(sources=("report/walk/figure.py",))):
+        monkeypatch.setitem(command_pictures.PICTURES, "gait", changed)
+        assert command_pictures.compute_digest("gait") != digest
 
 
 @pytest.mark.parametrize("name", ["first-walk.webp", "first-diagnosis.webp"])
@@ -167,7 +181,7 @@ def test_pictures_script_runs_every_figure_script() -> None:
     text = (ROOT / "scripts" / "pictures.py").read_text("utf-8")
     listed = {
         name
-        for name in ("architecture.py", "view_pictures.py", "first_screen.py", "effect_pages.py")
+        for name in ("architecture.py", "command_pictures.py", "first_screen.py", "effect_pages.py")
         if f'"{name}"' in text
     }
     drawing = {path.name for path in (ROOT / "scripts").glob("*.py") if "docs/" in path.read_text("utf-8")}

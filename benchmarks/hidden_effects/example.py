@@ -2,7 +2,7 @@
 
     python -m benchmarks.hidden_effects.example src/klute_sim/datasets/example
 
-Then draw the figure of its diagnosis again: ``python scripts/view_pictures.py docs/pictures``.
+Then draw the figure of its diagnosis again: ``python scripts/command_pictures.py docs/pictures --only view-diagnose``.
 """
 
 import argparse
