@@ -96,6 +96,21 @@ def test_line_plot_shows_values_and_cursor(contents: RrdContents) -> None:
     assert set(cursor.get_xdata()) == {0.5}
 
 
+def test_long_title_is_wrapped(contents: RrdContents) -> None:
+    view = get_view(contents, "wave [N]")._replace(name="word " * 30)
+    assert "\n" in picture.build_view_figure(contents, view, 0.5).axes[0].get_title(loc="left")
+
+
+def test_long_label_of_a_plane_is_wrapped(contents: RrdContents) -> None:
+    label = Entity()
+    label.archetypes, label.static = {"Points2D"}, {"positions": [[0.0, 0.0]], "labels": ["word " * 20]}
+    axis = Figure().subplots()
+    render.draw_plane(axis, get_view(contents, "loop"), {"label": label}, "time", 0.5)
+    lines = axis.texts[0].get_text().splitlines()
+    assert len(lines) > 1
+    assert max(map(len, lines)) <= render.MAX_LABEL_CHARS
+
+
 def test_chart_is_to_scale_with_the_marker_at_the_cursor(contents: RrdContents) -> None:
     axis = get_axis(contents, "loop", cursor=0.5)
     labels = [(text.get_text(), *text.get_position()) for text in axis.texts]

@@ -5,6 +5,7 @@ none.
 """
 
 import re
+import textwrap
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -19,9 +20,11 @@ from klute_sim.viewer.picture.rrd_reader import Container, RrdContents, View
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
-DPI = 110
-WINDOW_SIZE_IN, VIEW_SIZE_IN = (16.0, 9.0), (6.4, 4.4)
+DPI = 150
+WINDOW_SIZE_IN, VIEW_SIZE_IN = (13.0, 7.8), (6.4, 4.4)
 """Size of the picture of a window, and of a view [inches]."""
+TITLE_WIDTH_RATIO = 0.75
+"""Part of the width of a view that its title may take."""
 UNSUPPORTED_SUFFIXES = {
     ".jpg",
     ".jpeg",
@@ -146,7 +149,8 @@ def _draw_view(
 ) -> None:
     axis = figure.subplots()
     axis.set_facecolor(render.BACKGROUND_COLOUR)
-    axis.set_title(view.name, fontsize=render.FONT_SIZE_PT + 1.0, color=render.TEXT_COLOUR, loc="left")
+    title = textwrap.fill(view.name, int(TITLE_WIDTH_RATIO * size[0] / render.LETTER_WIDTH_IN))
+    axis.set_title(title, fontsize=render.FONT_SIZE_PT + 1.0, color=render.TEXT_COLOUR, loc="left")
     entities = view.select_entities(rrd.entities)
     if view.kind == "TextDocument":
         render.draw_text(axis, render.join_text(entities), (size[0] - 0.2, size[1] - 0.35))

@@ -17,10 +17,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BACKGROUND_COLOUR, GRID_COLOUR, TEXT_COLOUR = "#0d0d0d", "#444444", "#d8d8d8"
-FONT_SIZE_PT = 7.0
+FONT_SIZE_PT = 7.5
 """Size of the font [points]."""
-LINE_HEIGHT_IN, LETTER_WIDTH_IN = 0.15, 0.057
+LINE_HEIGHT_IN, LETTER_WIDTH_IN = 0.16, 0.061
 """Height of a line of text, and width of a letter [inches]."""
+
+MAX_LABEL_CHARS = 48
+"""Longest line of a label in a 2-D view [characters]."""
 
 
 def unpack_colour(packed: int) -> tuple[float, float, float, float]:
@@ -119,7 +122,9 @@ def _draw_points(axis: "Axes", entity: Entity, timeline: str, cursor: float) -> 
     labels, shades = entity.static.get("labels"), _unpack_colours(entity, len(positions))
     if labels:
         for (x, y), label, shade in zip(positions, labels, shades, strict=True):
-            axis.text(x, y + 1.0, label, color=shade, fontsize=FONT_SIZE_PT, ha="center", va="top", clip_on=True)
+            text = textwrap.fill(label, MAX_LABEL_CHARS)
+            style: dict[str, Any] = {"color": shade, "fontsize": FONT_SIZE_PT, "ha": "center", "va": "top"}
+            axis.text(x, y + 1.0, text, clip_on=text == label, **style)  # the view has room for one line only
     elif len(positions):
         size = abs(float(get_first_value(entity, "radii", -3.0)))
         axis.scatter(positions[:, 0], positions[:, 1], s=2.0 * size**2, c=shades, zorder=3.0)
