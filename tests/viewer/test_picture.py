@@ -1,5 +1,6 @@
 """Pictures of recordings without a screen: they show the content of the recording in its layout."""
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,17 @@ def test_line_plot_shows_values_and_cursor(contents: RrdContents) -> None:
     assert line.get_label() == "a wave"
     assert line.get_color()[:3] == pytest.approx(np.array(RED) / 255.0)
     assert set(cursor.get_xdata()) == {0.5}
+
+
+@pytest.mark.parametrize(("height", "is_one_row"), [(1.5, True), (3.0, False)])
+def test_legend_of_a_low_view_has_one_row(height: float, is_one_row: bool, contents: RrdContents) -> None:
+    axis = Figure(figsize=(4.0, height)).subplots()
+    wave, other = contents.entities["wave"], copy.copy(contents.entities["wave"])
+    other.static = {**wave.static, "names": ["another wave"]}
+    render.draw_series(axis, get_view(contents, "wave [N]"), {"wave": wave, "other": other}, "time", 0.5)
+    axis.figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in axis.get_legend().get_texts()]
+    assert (abs(boxes[0].y0 - boxes[1].y0) < 3.0) == is_one_row
 
 
 def test_long_title_is_wrapped(contents: RrdContents) -> None:

@@ -24,6 +24,8 @@ LINE_HEIGHT_IN, LETTER_WIDTH_IN = 0.16, 0.061
 
 MAX_LABEL_CHARS = 48
 """Longest line of a label in a 2-D view [characters]."""
+MIN_STACK_HEIGHT_IN = 2.0
+"""Height of a view below which the entries of its legend stand side by side [inches]."""
 
 
 def unpack_colour(packed: int) -> tuple[float, float, float, float]:
@@ -70,10 +72,12 @@ def draw_series(axis: "Axes", view: View, entities: dict[str, Entity], timeline:
     handles, labels = axis.get_legend_handles_labels()
     handle_by_label = dict(zip(labels, handles, strict=True))
     if view.legend and handle_by_label:
+        is_low = axis.figure.bbox.height / axis.figure.dpi < MIN_STACK_HEIGHT_IN
         axis.legend(
             handle_by_label.values(),
             handle_by_label.keys(),
             loc=view.legend_corner,
+            ncols=len(handle_by_label) if is_low else 1,
             fontsize=FONT_SIZE_PT,
             frameon=True,
             facecolor=BACKGROUND_COLOUR,
