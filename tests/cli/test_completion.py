@@ -1,5 +1,8 @@
-"""Tab completion of names, and the sections of the help."""
+"""Tab completion of names, and the sections and width of the help."""
 
+from collections.abc import Iterator
+
+import click
 import pytest
 from click.shell_completion import BashComplete
 
@@ -41,4 +44,20 @@ def test_help_has_every_command_in_one_section() -> None:
         for name in commands:
             assert text.count(f"\n  {name} ") == 1, name
     assert sum(len(commands) for commands in HELP_SECTIONS.values()) == len(COMMANDS)
-    assert max(map(len, text.splitlines())) <= 90
+
+
+def list_helps(command: click.Command, context: click.Context) -> Iterator[tuple[str, str]]:
+    """Yield path and help of ``command`` and of all its subcommands, for a terminal of 80 columns."""
+    yield context.command_path, command.get_help(context)
+    if isinstance(command, click.Group):
+        for name in command.list_commands(context):
+            subcommand = command.get_command(context, name)
+            assert subcommand is not None
+            yield from list_helps(subcommand, click.Context(subcommand, context, name))
+
+
+def test_help_of_every_command_fits_into_80_columns() -> None:
+    helps = dict(list_helps(group, click.Context(group, info_name="klute-sim", terminal_width=80)))
+    assert {f"klute-sim {name}" for name in COMMANDS} < set(helps)
+    long_lines = {path: [line for line in text.splitlines() if len(line) > 80] for path, text in helps.items()}
+    assert {path: lines for path, lines in long_lines.items() if lines} == {}

@@ -121,10 +121,10 @@ def group(context: click.Context) -> None:
 
     \b
     Examples:
-      klute-sim gait                     simulate five strides with the default prosthesis
-      klute-sim device klute-3-4-pair    show the numbers of a device and their sources
+      klute-sim gait                     simulate gait with the default device
+      klute-sim device klute-3-4-pair    show the numbers of a device
       klute-sim view runs/gait-001       open a run in the viewer
-      klute-sim gait --help              show the options and examples of a command
+      klute-sim gait --help              show options and examples of a command
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())

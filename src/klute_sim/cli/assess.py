@@ -55,7 +55,8 @@ def command(
     \b
     Examples:
       klute-sim assess my-subject
-      klute-sim assess my-subject --controller mine/tuned.csv --device my.toml --out page
+      klute-sim assess my-subject --controller mine/tuned.csv \\
+        --device my.toml --out page
       klute-sim assess anna ben --only tuned --only machine
       klute-sim assess my-subject --json | python -m json.tool
     """

@@ -59,7 +59,8 @@ def command(
     Examples:
       klute-sim baselines
       klute-sim baselines --only hand-tuned --only machine --mass 90
-      klute-sim baselines --reference my-subject --device my.toml --controller mine.csv
+      klute-sim baselines --reference my-subject --device my.toml \\
+        --controller mine.csv
       klute-sim baselines --only own --controller mine.csv --controller machine
     """
     from klute_sim.api.baselines import simulate_baselines

@@ -84,7 +84,8 @@ def command(
       klute-sim bench joint
       klute-sim bench joint sines klute-3-4-pair --mean 2 --difference 0.5
       klute-sim bench joint sines --response bode.csv --mean 2 --difference 0.3
-      klute-sim bench joint steps --device flexor=klute-3-4-pair --device extensor=mine.toml
+      klute-sim bench joint steps --device flexor=klute-3-4-pair \\
+        --device extensor=mine.toml
       klute-sim bench mass quick-release klute-1-1-4-pair --load -100
       klute-sim bench knee multisine --set model.geom.foot.mass=1.2 --out knee
     """

@@ -77,11 +77,14 @@ def command(
     \b
     Examples:
       klute-sim compare runs/gait-001 runs/gait-002
-      klute-sim compare profile=runs/gait-001 machine=runs/gait-002 --reference --baseline human
-      klute-sim compare simulated=runs/gait-001 measured=a.csv measured=b.csv --channel ankle_angle
+      klute-sim compare profile=runs/gait-001 machine=runs/gait-002 \\
+        --reference --baseline human
+      klute-sim compare simulated=runs/gait-001 measured=a.csv \\
+        measured=b.csv --channel ankle_angle
       klute-sim compare me/strides_right.parquet
       klute-sim compare runs/bench-001 runs/bench-002
-      klute-sim compare runs/gait-001 runs/gait-002 --over time --channel pressure --json
+      klute-sim compare runs/gait-001 runs/gait-002 --over time \\
+        --channel pressure --json
     """
     from klute_sim.api.comparison import compare
     from klute_sim.api.rendering import print_summary

@@ -104,7 +104,8 @@ def command(out: Path | None, as_json: bool, **options: Any) -> None:
       klute-sim design --reference my-subject
       klute-sim design --muscle bobbert_1986 --l0 264
       klute-sim design --f0 1400 --l0 250 --vmax 300 --a 0.28 --b 0.28
-      klute-sim design --actuator klute-3-4 --count 2 --resting-length 250 --eccentric-force 400
+      klute-sim design --actuator klute-3-4 --count 2 --resting-length 250 \\
+        --eccentric-force 400
     """
     from klute_sim.api.design import design
     from klute_sim.api.rendering import print_summary

@@ -114,7 +114,8 @@ def command(
       klute-sim diagnose my-dataset --accept force-unit
       klute-sim diagnose my-dataset --tolerance "force=5 N"
       klute-sim diagnose my-dataset --predict other-muscles
-      klute-sim diagnose my-dataset --only braid_hysteresis --only seal_friction --json
+      klute-sim diagnose my-dataset --only braid_hysteresis \\
+        --only seal_friction --json
       klute-sim diagnose my-dataset --catalogue my_effects.py
     """
     from klute_sim.cli.console import stderr_console

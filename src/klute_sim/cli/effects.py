@@ -63,7 +63,7 @@ def command(
       klute-sim effects pressure_lag --json
       klute-sim effects warming --catalogue my_effects.py
       klute-sim effects muscle_damping --out signature    draw its responses
-      klute-sim effects seal_friction --confusable        list effects that resemble it
+      klute-sim effects seal_friction --confusable        list similar effects
       klute-sim effects --confusable --out similarity     compare all effects
     """
     from klute_sim.effects import catalogue as known

@@ -58,7 +58,7 @@ def command(
       trc            virtual markers, as in OpenSim
       log            channels that the prosthesis would log
       csv, parquet   all channels
-      mjcf           a MuJoCo model with the device on its tendons (docs/mechanisms.md)
+      mjcf           MuJoCo model with the device on tendons (docs/mechanisms.md)
 
     "As in OpenSim" means its names, axes and signs; the other formats keep the names of klute-sim.
 
@@ -66,7 +66,8 @@ def command(
     Examples:
       klute-sim export runs/gait-001
       klute-sim export runs/gait-001 --format trc --format mot --out for-opensim
-      klute-sim export klute-3-4-pair --format mjcf --model my-arm.xml --tendon assist
+      klute-sim export klute-3-4-pair --format mjcf --model my-arm.xml \\
+        --tendon assist
     """
     from klute_sim.cli.console import stdout_console
     from klute_sim.errors import InputError

@@ -163,7 +163,8 @@ def command(
       klute-sim import ik.mot grf.mot id.sto --mass 70 --side left
       klute-sim import published-stride.csv --mass 70 --stride-duration 1.1
       klute-sim import walk1.csv walk2.csv --map my-columns.toml --json
-      klute-sim import a.c3d a_log.csv b.c3d b_log.csv --dataset --device my.toml --side left --out my-trials
+      klute-sim import a.c3d a_log.csv b.c3d b_log.csv --dataset \\
+        --device my.toml --side left --out my-trials
       klute-sim diagnose my-trials
     """
     from klute_sim.api.mocap import import_dataset, import_gait

@@ -71,9 +71,11 @@ def command(
     \b
     Examples:
       klute-sim plan klute-3-4-pair --out my-bench
-      klute-sim plan my-device.toml --out short --only steps --only ramps --repeats 3
+      klute-sim plan my-device.toml --out short --only steps --only ramps \\
+        --repeats 3
       klute-sim plan klute-3-4-pair --out trial-run --simulate
-      klute-sim plan klute-3-4-pair --model antagonist_joint --load -2 --out my-joint
+      klute-sim plan klute-3-4-pair --model antagonist_joint --load -2 \\
+        --out my-joint
     """
     from klute_sim.api.diagnosis import MeasurementPlan, plan_measurements
     from klute_sim.api.joint_plan import JointPlan, plan_joint_measurements

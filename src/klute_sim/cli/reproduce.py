@@ -51,7 +51,7 @@ def command(
     Examples:
       klute-sim reproduce --out dissertation
       klute-sim reproduce --items
-      klute-sim reproduce --missing > numbers.toml         write the template; complete it, then:
+      klute-sim reproduce --missing > numbers.toml    write a template to complete
       klute-sim reproduce --published numbers.toml
       klute-sim reproduce --json | python -m json.tool
     """

@@ -261,16 +261,22 @@ def command(
       klute-sim sweep --mass 60,75,90 --speed reference,1.0,1.4
       klute-sim sweep --slope -5,0,5 --controller profile --controller off
       klute-sim sweep --reference anna --reference ben --reference able-bodied
-      klute-sim sweep --reference 'subjects/*' --controller profile --controller machine
+      klute-sim sweep --reference 'subjects/*' --controller profile \\
+        --controller machine
       klute-sim sweep --device klute-1-1-4-pair --spring-foot 4,6,8
       klute-sim sweep --foot rigid --foot sach --foot sach+shoe
-      klute-sim sweep --device klute-1-1-4-pair --device my.toml --controller profile --controller off
-      klute-sim sweep --controller constant:2 --controller mine.csv --out my-sweep --csv
-      klute-sim sweep --rig walk --machine push_off_bar=3.4,3.9,4.4 --machine lean_deg=10,14,18
+      klute-sim sweep --device klute-1-1-4-pair --device my.toml \\
+        --controller profile --controller off
+      klute-sim sweep --controller constant:2 --controller mine.csv \\
+        --out my-sweep --csv
+      klute-sim sweep --rig walk --machine push_off_bar=3.4,3.9,4.4 \\
+        --machine lean_deg=10,14,18
       klute-sim sweep --rig walk --spring-foot 4,6,8 --push 10@25 --push -10@25
-      klute-sim sweep --rig joint --gain proportional=2,4,8 --gain integral=0,25 --load 0.5,1,2
+      klute-sim sweep --rig joint --gain proportional=2,4,8 \\
+        --gain integral=0,25 --load 0.5,1,2
       klute-sim sweep --mass 60,75,90 --ray local
-      klute-sim sweep --mass 60,75,90 --ray 10.0.0.1:6379 --json | python -m json.tool
+      klute-sim sweep --mass 60,75,90 --ray 10.0.0.1:6379 --json \\
+        | python -m json.tool
     """
     from klute_sim.api.rendering import print_summary
     from klute_sim.api.sweep import sweep, sweep_joint, sweep_walks

@@ -196,7 +196,8 @@ def command(
       klute-sim gait --controller human/tuned.csv --device human/device.toml
       klute-sim tune --rig walk --only push_off_bar --only lean_deg --out walking
       klute-sim walk --controller walking/tuned.toml
-      klute-sim tune --rig joint --load 2 --only proportional --only integral --out heavy
+      klute-sim tune --rig joint --load 2 --only proportional \\
+        --only integral --out heavy
     """
     from klute_sim.api.joint_tuning import JointTuningResult, tune_joint
     from klute_sim.api.rendering import print_summary

@@ -182,7 +182,8 @@ def compare_command(a: str, b: str, as_json: bool, **comparison: Any) -> None:
     Examples:
       klute-sim walk compare machine spring-foot:6
       klute-sim walk compare machine constant:3
-      klute-sim walk compare machine my-machine.toml --walker machine-1 --walker mine/adapted.toml
+      klute-sim walk compare machine my-machine.toml --walker machine-1 \\
+        --walker mine/adapted.toml
     """
     from klute_sim.api.walk_comparison import compare_walks
     from klute_sim.cli.console import progress_bar
