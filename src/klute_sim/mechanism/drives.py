@@ -44,17 +44,25 @@ def add_load(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
     actuator.set_to_motor()
 
 
+def compute_effective_inertia(dt: float, integrator: int) -> float:
+    """Return the inertia [kg or kg m2] that a drive accelerates in a step ``dt`` [s].
+
+    The implicit integrators add ``dt`` times the damping.
+    """
+    is_implicit = integrator != mujoco.mjtIntegrator.mjINT_EULER
+    return DRIVE_INERTIA + (dt * DRIVE_DAMPING if is_implicit else 0.0)
+
+
 def compute_drive_commands(position: Array, dt: float, integrator: int) -> Array:
     """Return the commands of a servo that leads its joint through ``position`` [m or rad], one per step ``dt`` [s].
 
     MuJoCo's step is ``v+ = v + dt a``, ``q+ = q + dt v+``, so the acceleration that leads from sample k to k + 1 is the
-    second difference there. The implicit integrators add ``dt`` times the damping to the inertia.
+    second difference there.
     """
     following = np.append(position[1:], 2.0 * position[-1] - position[-2])
     previous = np.insert(position[:-1], 0, 2.0 * position[0] - position[1])
     speed, acceleration = (position - previous) / dt, (following - 2.0 * position + previous) / dt**2
-    is_implicit = integrator != mujoco.mjtIntegrator.mjINT_EULER
-    inertia = DRIVE_INERTIA + (dt * DRIVE_DAMPING if is_implicit else 0.0)
+    inertia = compute_effective_inertia(dt, integrator)
     return np.asarray(position + (DRIVE_DAMPING * speed + inertia * acceleration) / DRIVE_STIFFNESS)
 
 
