@@ -28,7 +28,7 @@ from klute_sim.diagnosis.selection.sparse_regression import find_supports, fit_d
 from klute_sim.diagnosis.verdict import verdict_to_dict
 from klute_sim.diagnosis.workflow import diagnose, fit_base_device
 from klute_sim.effects import catalogue
-from klute_sim.effects.families import discrepancy_terms
+from klute_sim.effects.families import discrepancy_formulas, discrepancy_terms
 from klute_sim.errors import InputError
 from klute_sim.report.diagnosis import page
 from klute_sim.report.diagnosis import text as words
@@ -144,11 +144,11 @@ def test_data_driven_term_is_not_a_candidate_effect(with_hidden_term: tuple[Forw
 
 def test_formula_uses_units() -> None:
     values = {"pressure_n": -12.34, "pressure_friction_n": 60.0, "speed_squared_n": 0.0}
-    assert discrepancy_terms.format_equation(discrepancy_terms.UNKNOWN_FORCE, values) == (
+    assert discrepancy_formulas.format_equation(discrepancy_terms.UNKNOWN_FORCE, values) == (
         "F += - 12.3 N p + 60 N p d; p = P/(5 bar); d = v/sqrt(v^2 + (0.05 mm/s)^2)"
     )
     values = {"offset_bar": -0.1, "command_bar": 0.2, "dead_band_bar": 0.05, "lag_s": 0.02, "falling_lag_s": -0.01}
-    assert discrepancy_terms.format_equation(discrepancy_terms.UNKNOWN_PRESSURE, values) == (
+    assert discrepancy_formulas.format_equation(discrepancy_terms.UNKNOWN_PRESSURE, values) == (
         "target = command - 0.1 bar + 0.2 bar c; dead band = 0.05 bar; dP/dt = (target - P)/tau, "
         "tau = 0.02 s - 0.01 s f; c = command/(5 bar); f = 1 while P falls"
     )

@@ -87,6 +87,36 @@ def test_friction_is_never_more_than_its_level_and_damps(form: str) -> None:
     assert much < little < plain
 
 
+@pytest.mark.parametrize(
+    ("effect", "scale", "unit", "joint_type"),
+    [("unknown_joint_moment", 1.0, "n_m", "hinge"), ("unknown_guide_force", 0.1, "n", "slide")],
+)
+def test_data_driven_term_is_its_formula(effect: str, scale: float, unit: str, joint_type: str) -> None:
+    """Constant, polynomial from the rest of the spring, and drag oppose the motion as the equation states."""
+    position = "angle" if joint_type == "hinge" else "position"
+    names = ("constant", position, f"{position}_squared", f"{position}_cubed", "speed", "speed_squared")
+    coefficients = (0.4, -0.3, 0.7, 0.2, 0.5, 0.6)
+    parameters = tuple((f"{name}_{unit}", value) for name, value in zip(names, coefficients, strict=True))
+    spec = mujoco.MjSpec.from_string(
+        f"""<mujoco><option gravity="0 0 0"/><worldbody><body><joint name="joint" type="{joint_type}" axis="1 0 0"
+        stiffness="2" damping="0.3" springref="0.1" armature="1"/><geom size="0.1" mass="1"/></body></worldbody>
+        <compiler angle="radian"/></mujoco>"""
+    )
+    plain = spec.compile()
+    apply_model_effects(spec, [ModelEffect(effect, "sparse", parameters, "joint")])
+    changed = compile_model(spec)
+    for q, w in [(0.5, 1.5), (-0.4, 1.5), (0.5, -2.0), (-0.4, -2.0), (0.1, 0.0)]:
+        moments = []
+        for model in (plain, changed):
+            data = mujoco.MjData(model)
+            data.qpos[0], data.qvel[0] = q, w
+            mujoco.mj_forward(model, data)
+            moments.append(float(data.qfrc_passive[0] + data.qfrc_actuator[0]))
+        x = (q - 0.1) / scale
+        expected = sum(c * f for c, f in zip(coefficients, (1.0, x, x**2, x**3, w, w * abs(w)), strict=True))
+        assert moments[0] - moments[1] == pytest.approx(expected, abs=1e-9)
+
+
 @given(
     st.lists(st.floats(-20.0, 20.0), min_size=2, max_size=60),
     st.floats(1e-3, 5.0),

@@ -22,6 +22,28 @@ class BristleFriction(NamedTuple):
     """Displacement at which the bristle would yield if it did not yield gradually [rad]; positive."""
 
 
+NO_BRISTLE = BristleFriction(0.0, 0.0, 1.0, 1.0)
+"""No friction."""
+
+
+class Resistance(NamedTuple):
+    """Moment against the motion of a joint that a data-driven term adds; SI units of a hinge."""
+
+    constant: float = 0.0
+    """Part that does not change [N m]."""
+    stiffness: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Coefficients of the position from that of its spring, of its square and of its cube [N m, rad]."""
+    quadratic_damping: float = 0.0
+    """Coefficient of the speed times its magnitude [N m s2/rad2]."""
+    bristles: tuple[BristleFriction, BristleFriction] = (NO_BRISTLE, NO_BRISTLE)
+    """Two frictions that yield over different displacements; a sum of such stop operators approximates any hysteresis
+    that does not depend on the speed (Prandtl-Ishlinskii model; Visintin, Differential Models of Hysteresis, 1994)."""
+
+
+NO_RESISTANCE = Resistance()
+"""No data-driven term."""
+
+
 class Joint(NamedTuple):
     """A hinge joint; SI units. Of a slide joint moments are forces and angles are positions."""
 
@@ -33,10 +55,8 @@ class Joint(NamedTuple):
     """Inertia in addition to that of the bodies [kg m2]."""
     bristle: BristleFriction
     """Dry friction with a presliding displacement."""
-
-
-NO_BRISTLE = BristleFriction(0.0, 0.0, 1.0, 1.0)
-"""No friction."""
+    resistance: Resistance = NO_RESISTANCE
+    """Data-driven term."""
 
 
 def bristle_level(friction: BristleFriction, velocity: float) -> float:

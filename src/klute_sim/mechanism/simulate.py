@@ -31,7 +31,7 @@ from klute_sim.plant import callbacks
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.plant.batch import create_batch, step_batch
 from klute_sim.plant.coupling import N_BASE_STATES
-from klute_sim.plant.mjcf.model_effects import ModelEffect, name_friction
+from klute_sim.plant.mjcf.model_effects import ModelEffect, list_resistance_actuators
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
@@ -144,7 +144,7 @@ class MechanismRollout:
         """Return the moment [N m] of all actuators about ``joint``, without its drive, its load and its friction."""
         moment: Array = self.fields["qfrc_actuator"][:, int(self.model.joint(joint).dofadr[0])].copy()
         names = {self.model.actuator(index).name: index for index in range(self.model.nactuator)}
-        for name in (drives.name_drive(joint), drives.name_load(joint), name_friction(joint)):
+        for name in (drives.name_drive(joint), drives.name_load(joint), *list_resistance_actuators(joint)):
             if name in names:
                 moment -= self.fields["actuator_force"][:, int(self.model.actuator_outadr[names[name]])]
         return moment

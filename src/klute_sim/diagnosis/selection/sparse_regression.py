@@ -17,7 +17,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hyp
 from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, select_significant_equations
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, REFIT_MAX_NFEV, ForwardSelection
 from klute_sim.effects.effect import Effect
-from klute_sim.effects.families import discrepancy_terms
+from klute_sim.effects.families import discrepancy_formulas, discrepancy_terms
 from klute_sim.types import Array
 
 MAX_FUNCTIONS = 4
@@ -135,7 +135,7 @@ def format_formula(fit_result: Fit) -> str:
     for index, term in enumerate(fit_result.hypothesis.terms):
         if term.effect_definition.data_driven:
             rows = zip(fit_result.hypothesis.parameters, fit_result.values, strict=True)
-            return discrepancy_terms.format_equation(
+            return discrepancy_formulas.format_equation(
                 term.effect_definition, {p.name: value for p, value in rows if p.term_index == index}
             )
     return ""

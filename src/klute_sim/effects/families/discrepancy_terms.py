@@ -7,10 +7,8 @@ arguments.
 """
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
-from klute_sim import units
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.smoothing import smooth_sign, step_slider
 from klute_sim.laws.foot import Foot
@@ -110,13 +108,15 @@ def sparse_ankle_moment(coefficients: Any, foot: Foot) -> Foot:
 _SOURCE = "assumed: no physics; range and typical value of a relevant force"
 
 
-def _make_parameter(key: str, upper: float, typical: float, *, signed: bool = True) -> EffectParameter:
+def make_coefficient(key: str, upper: float, typical: float, *, signed: bool = True) -> EffectParameter:
+    """Return the coefficient ``key`` of a function, in the unit of the key; negative values only where ``signed``."""
     lower = -upper if signed else 0.0
+    """Return a coefficient of a data-driven term, at most ``upper``; one that is not ``signed`` is not negative."""
     return EffectParameter(key=key, neutral=0.0, lower=lower, upper=upper, typical=typical, source=_SOURCE)
 
 
 def _make_force_parameter(key: str, typical: float = 10.0, *, signed: bool = True) -> EffectParameter:
-    return _make_parameter(key, 1000.0, typical, signed=signed)
+    return make_coefficient(key, 1000.0, typical, signed=signed)
 
 
 UNKNOWN_FORCE = Effect(
@@ -184,13 +184,13 @@ UNKNOWN_PRESSURE = Effect(
             "band z around the command; tau = sum_k b_k g_k, g_k: 1, c, f; c = command/(5 bar), up to 2, "
             "f = 1 while P falls",
             parameters=(
-                _make_parameter("offset_bar", 2.0, 0.1),
-                _make_parameter("command_bar", 2.0, 0.1),
-                _make_parameter("command_squared_bar", 2.0, 0.1),
-                _make_parameter("dead_band_bar", 1.0, 0.1, signed=False),
-                _make_parameter("lag_s", MAX_TIME_CONSTANT, 0.02, signed=False),
-                _make_parameter("command_lag_s", MAX_TIME_CONSTANT, 0.02),
-                _make_parameter("falling_lag_s", MAX_TIME_CONSTANT, 0.02),
+                make_coefficient("offset_bar", 2.0, 0.1),
+                make_coefficient("command_bar", 2.0, 0.1),
+                make_coefficient("command_squared_bar", 2.0, 0.1),
+                make_coefficient("dead_band_bar", 1.0, 0.1, signed=False),
+                make_coefficient("lag_s", MAX_TIME_CONSTANT, 0.02, signed=False),
+                make_coefficient("command_lag_s", MAX_TIME_CONSTANT, 0.02),
+                make_coefficient("falling_lag_s", MAX_TIME_CONSTANT, 0.02),
             ),
             laws={"pressure_reached": sparse_pressure},
         ),
@@ -210,68 +210,16 @@ UNKNOWN_ANKLE_MOMENT = Effect(
             "dorsiflexes; a and l and g and p up to 2",
             parameters=(
                 *(
-                    _make_parameter(f"{name}_n_m", 200.0, 5.0)
+                    make_coefficient(f"{name}_n_m", 200.0, 5.0)
                     for name in (
                         *("offset", "angle", "angle_squared", "load", "load_squared", "load_angle"),
                         *("force", "load_force", "pressure", "pressure_angle"),
                     )
                 ),
-                _make_parameter("friction_n_m", 50.0, 2.0, signed=False),
-                _make_parameter("damping_n_m_s", 20.0, 1.0, signed=False),
+                make_coefficient("friction_n_m", 50.0, 2.0, signed=False),
+                make_coefficient("damping_n_m_s", 20.0, 1.0, signed=False),
             ),
             laws={"foot": sparse_ankle_moment},
         ),
     ),
 )
-
-_BASIS_FUNCTIONS = {
-    UNKNOWN_FORCE.name: ("p", "p^2", "b", "b e", "e", "e^2", "p e", "p e^2", "d", "p d", "e d", "s", "p s", "s |s|"),
-    UNKNOWN_TENDON_FORCE.name: ("x", "x^2", "t"),
-    UNKNOWN_PRESSURE.name: ("", "c", "c^2", "", "", "c", "f"),
-    UNKNOWN_ANKLE_MOMENT.name: ("", "a", "a^2", "l", "l^2", "l a", "g", "l g", "p", "p a", "r", "w"),
-}
-"""Function of each parameter, by effect; '' for a constant term."""
-_SUM_LABELS = {
-    "dead_band_bar": "dead band =",
-    UNKNOWN_ANKLE_MOMENT.name: "M +=",
-    "N": "F +=",
-    "bar": "target = command",
-    "s": "dP/dt = (target - P)/tau, tau =",
-}
-"""Left side of the sum to which a parameter belongs, by parameter key, else by effect, else by unit."""
-_SYMBOL_MEANINGS = {
-    "p": "P/(5 bar)",
-    "b": "P/(P + 0.5 bar)",
-    "e": "(1 - L/L0)/0.25",
-    "d": "v/sqrt(v^2 + (0.05 mm/s)^2)",
-    "s": "v/sqrt(v^2 + (100 mm/s)^2)",
-    "x": "stretch/(10 mm)",
-    "t": "stretch/(stretch + 1 mm)",
-    "c": "command/(5 bar)",
-    "f": "1 while P falls",
-    "a": "dorsiflexion/(15 deg)",
-    "l": "dorsiflexing moment of the ground reaction/(100 N·m)",
-    "g": "ground reaction along the pylon/(1 kN)",
-    "r": "1 while the ankle dorsiflexes, -1 while it plantarflexes",
-    "w": "velocity of dorsiflexion",
-}
-
-
-def format_equation(effect: Effect, values: Mapping[str, float]) -> str:
-    """Return the equation of ``effect``, one of this module, in one line.
-
-    ``values`` are its parameters by key, in the units of the keys.
-    """
-    sums: dict[str, str] = {}
-    used = ""
-    for parameter, function in zip(effect.forms[0].parameters, _BASIS_FUNCTIONS[effect.name], strict=True):
-        value, unit = values.get(parameter.key, 0.0), units.split_unit(parameter.key)[1]
-        if value != 0.0:
-            label = next(_SUM_LABELS[key] for key in (parameter.key, effect.name, unit) if key in _SUM_LABELS)
-            term = f" {'-' if value < 0.0 else '+'} {abs(value):.3g} {unit} {function}"
-            sums[label] = sums.get(label, label) + term.rstrip()
-            used += function
-    lines = [line.replace("= + ", "= ") for line in sums.values()]
-    return "; ".join(
-        [*lines, *(f"{symbol} = {meaning}" for symbol, meaning in _SYMBOL_MEANINGS.items() if symbol in used)]
-    )

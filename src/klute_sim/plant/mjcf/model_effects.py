@@ -8,7 +8,7 @@ import numpy as np
 
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError, suggest
-from klute_sim.laws.joint import NO_BRISTLE, Joint
+from klute_sim.laws.joint import NO_BRISTLE, BristleFriction, Joint, Resistance
 from klute_sim.plant.joint_friction import (
     FRICTION_LAYOUT_ID,
     FRICTION_ROW_SIZE,
@@ -63,7 +63,8 @@ def apply_model_effects(spec: mujoco.MjSpec, effects: Iterable[ModelEffect]) -> 
         if (part or "") not in known:
             listing = f"there are: {', '.join(known) or 'none'}"
             raise InputError(f"'{part}' is no {effect.part} of the model; {suggest(str(part), known, listing)}")
-        p, law = form.pack(dict(parameters)), form.laws[hooks[0]]
+        neutral = {p.key: p.neutral for p in form.parameters if p.neutral is not None and effect.data_driven}
+        p, law = form.pack(neutral | dict(parameters)), form.laws[hooks[0]]
         if hooks[0] == "joint":
             joint = spec.joint(part)
             before = read_joint(spec, joint)
@@ -79,41 +80,78 @@ def apply_model_effects(spec: mujoco.MjSpec, effects: Iterable[ModelEffect]) -> 
 
 def read_joint(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> Joint:
     """Return the numbers of ``joint`` in ``spec``."""
-    actuator = spec.actuator(name_friction(joint.name))
-    row = [] if actuator is None else [float(value) for value in actuator.userdata]
-    has_bristle = len(row) >= FRICTION_ROW_SIZE and row[0] == FRICTION_LAYOUT_ID
+    friction, constant, *bristles = list_resistance_actuators(joint.name)
+    actuator = spec.actuator(constant)
+    stiffness, damping = (np.asarray(values, dtype=np.float64) for values in (joint.stiffness, joint.damping))
     return Joint(
-        float(np.asarray(joint.damping).reshape(-1)[0]),
+        float(damping[0]),
         float(joint.frictionloss),
         float(joint.armature),
-        unpack_friction(row) if has_bristle else NO_BRISTLE,
+        _read_bristle(spec, friction),
+        Resistance(
+            0.0 if actuator is None else -float(actuator.biasprm[0]),
+            (float(stiffness[0]), float(stiffness[1]), float(stiffness[2])),
+            float(damping[1]),
+            (_read_bristle(spec, bristles[0]), _read_bristle(spec, bristles[1])),
+        ),
     )
 
 
-def name_friction(joint: str) -> str:
-    """Return the name of the actuator with the friction of ``joint``."""
-    return f"{joint} friction"
+def _read_bristle(spec: mujoco.MjSpec, name: str) -> BristleFriction:
+    """Return the friction of the actuator ``name``."""
+    actuator = spec.actuator(name)
+    row = [] if actuator is None else [float(value) for value in actuator.userdata]
+    has_bristle = len(row) >= FRICTION_ROW_SIZE and row[0] == FRICTION_LAYOUT_ID
+    return unpack_friction(row) if has_bristle else NO_BRISTLE
+
+
+def list_resistance_actuators(joint: str) -> tuple[str, str, str, str]:
+    """Return the names of the actuators that effects add to ``joint``.
+
+    They have its friction, and the constant and the two frictions of a data-driven term.
+    """
+    return f"{joint} friction", f"{joint} constant", f"{joint} friction 1", f"{joint} friction 2"
 
 
 def _write_joint(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, before: Joint, after: Joint) -> None:
     """Change the numbers of ``joint`` that differ."""
-    if after.damping != before.damping:
+    friction, constant, *bristles = list_resistance_actuators(joint.name)
+    old, new = before.resistance, after.resistance
+    if (after.damping, new.quadratic_damping) != (before.damping, old.quadratic_damping):
         damping = np.array(joint.damping, dtype=np.float64)
-        damping[0] = after.damping
+        damping[:2] = after.damping, new.quadratic_damping
         joint.damping = damping
+    if new.stiffness != old.stiffness:
+        joint.stiffness = np.array(new.stiffness)
+    if new.constant != old.constant:
+        actuator = _find_actuator(spec, joint, constant)
+        actuator.biastype, actuator.biasprm[0] = mujoco.mjtBias.mjBIAS_AFFINE, -new.constant
+    for name, bristle_before, bristle in zip(bristles, old.bristles, new.bristles, strict=True):
+        _write_bristle(spec, joint, name, bristle_before, bristle)
     if after.friction_moment != before.friction_moment:
         joint.frictionloss = after.friction_moment
         joint.solref_friction, joint.solimp_friction = FRICTION_SOLREF, FRICTION_SOLIMP
     if after.armature != before.armature:
         joint.armature = after.armature
-    if after.bristle != before.bristle and after.bristle.sliding_moment > 0.0:
-        name = name_friction(joint.name)
-        actuator = spec.actuator(name) or spec.add_actuator(name=name)
-        actuator.target, actuator.trntype = joint.name, mujoco.mjtTrn.mjTRN_JOINT
+    _write_bristle(spec, joint, friction, before.bristle, after.bristle)
+
+
+def _write_bristle(
+    spec: mujoco.MjSpec, joint: mujoco.MjsJoint, name: str, before: BristleFriction, after: BristleFriction
+) -> None:
+    """Give the actuator ``name`` at ``joint`` the friction ``after``, if it differs."""
+    if after != before and after.sliding_moment > 0.0:
+        actuator = _find_actuator(spec, joint, name)
         actuator.dyntype, actuator.biastype = mujoco.mjtDyn.mjDYN_USER, mujoco.mjtBias.mjBIAS_USER
-        actuator.gaintype, actuator.actdim = mujoco.mjtGain.mjGAIN_FIXED, N_FRICTION_STATES
-        actuator.gainprm[0] = 0.0
-        actuator.userdata = pack_friction(after.bristle)
+        actuator.actdim, actuator.userdata = N_FRICTION_STATES, pack_friction(after)
+
+
+def _find_actuator(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, name: str) -> mujoco.MjsActuator:
+    """Return the actuator ``name`` at ``joint``, whose control has no influence; it is added where it is missing."""
+    actuator = spec.actuator(name) or spec.add_actuator(name=name)
+    actuator.target, actuator.trntype = joint.name, mujoco.mjtTrn.mjTRN_JOINT
+    actuator.gaintype, actuator.gainprm[0] = mujoco.mjtGain.mjGAIN_FIXED, 0.0
+    return actuator
 
 
 def _set_radius(spec: mujoco.MjSpec, pulley: mujoco.MjsGeom, before: float, after: float) -> None:

@@ -103,6 +103,12 @@ def describe_kind(description: dict[str, Any]) -> str:
             "A body effect: it acts on the foot and the ankle. `klute-sim gait` and a diagnosis of gait trials include "
             "it; a bench test has no body."
         )
+    if description["kind"] == "mechanism" and description["data_driven"]:
+        return (
+            "A data-driven term of a joint of an MJCF model. It identifies no effect: a diagnosis of a dataset with "
+            '`rig = "mjcf"` uses it where no effect explains the data. It may generate energy, and its polynomials do '
+            "not extrapolate beyond the positions of the data. A device file cannot have it."
+        )
     if description["kind"] == "mechanism":
         return (
             "An effect of a mechanism: it acts on joints, pulleys, gravity or sensors of an MJCF model. A diagnosis of "
