@@ -18,7 +18,11 @@ INTERVAL, STEP = 0.01, 1e-4
 TENDONS = ("flexor", "extensor")
 INPUTS = ("pressure_command_flexor", "pressure_command_extensor")
 NUMBERS = {"model.site.flexor_origin.pos_z": 0.29, "model.site.extensor_origin.pos_z": 0.29}
-NOISE = {"angle_joint": 0.05, "force_flexor": 1.0, "pressure_flexor": 0.005}
+NOISE = {
+    "angle_joint": 0.05,
+    **{f"force_{tendon}": 1.0 for tendon in TENDONS},
+    **{f"pressure_{tendon}": 0.005 for tendon in TENDONS},
+}
 """Channel -> standard deviation of its noise in its unit for display."""
 
 

@@ -97,14 +97,16 @@ def test_supply_lag_is_found_in_the_supply_equation(tmp_path: Path) -> None:
 
 def test_regression_eliminates_functions(with_hidden_term: tuple[ForwardSelection, Fit]) -> None:
     search, base = with_hidden_term
-    supports = find_supports(search.data, base, discrepancy_terms.UNKNOWN_FORCE)
+    supports = find_supports(search.data, base, EffectTerm(*FORCE))
     assert [len(support.term.parameter_keys) for support in supports] == [1, 2, 3, 4]
     for fewer, more in pairwise(supports):
         assert set(fewer.term.parameter_keys) < set(more.term.parameter_keys)
     assert set(supports[1].term.parameter_keys) == set(HIDDEN[FORCE])
     assert max(supports, key=lambda support: support.predicted_bic_gain) is supports[1]
     # The tendon's library has only three functions.
-    assert len(find_supports(search.data, base, discrepancy_terms.UNKNOWN_TENDON_FORCE)[-1].term.parameter_keys) <= 3
+    assert (
+        len(find_supports(search.data, base, EffectTerm("unknown_tendon_force", "sparse"))[-1].term.parameter_keys) <= 3
+    )
 
 
 def test_clean_data_get_no_term(clean: tuple[ForwardSelection, Fit]) -> None:

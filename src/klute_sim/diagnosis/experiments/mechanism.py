@@ -31,7 +31,7 @@ from klute_sim.diagnosis.experiments.denoise import denoise
 from klute_sim.errors import InputError
 from klute_sim.mechanism.assembly import Binding, Mechanism, compute_unit_lengths
 from klute_sim.mechanism.simulate import simulate_mechanism
-from klute_sim.plant.mjcf.model_effects import list_parts
+from klute_sim.plant.mjcf.model_effects import JOINT_TYPES, list_parts
 from klute_sim.types import Array
 
 STEPS_PER_SAMPLE = 10
@@ -121,6 +121,14 @@ class MechanismExperiment(Experiment):
         }
         positions = [n for n, b in self.outputs.items() if b.channel.quantity in MOTION_QUANTITIES]
         return {**parts, "position channel": positions}
+
+    @cached_property
+    def joint_kinds(self) -> Mapping[str, str]:
+        """Joint that is not driven -> kind of part; empty unless the position of every such joint is measured."""
+        n_joints = len(self.mechanism.spec.joints) - len(self.mechanism.driven_joints)
+        kinds = {name: kind for kind in JOINT_TYPES for name in self.parts.get(kind, ())}
+        measured = {b.name for b in self.outputs.values() if b.channel.quantity in MOTION_QUANTITIES}
+        return kinds if len(kinds) == n_joints and kinds.keys() <= measured else {}
 
     @property
     def informative_channels(self) -> tuple[str, ...]:

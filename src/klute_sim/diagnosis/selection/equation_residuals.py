@@ -5,7 +5,8 @@ with the *measured* pressure, force and length, so that the misfit of one equati
 supply's equation is evaluated with the command. The same is done with channels simulated under the measured pressure,
 and the difference removes the influence of smoothing and sampling. The device is that of the final fit without the
 added effects, so its own numbers are not biased by them. Instruments are assumed to be correct. The ankle of a walk is
-in :mod:`~klute_sim.diagnosis.selection.gait_equations`.
+in :mod:`~klute_sim.diagnosis.selection.gait_equations`, joints and devices of a mechanism are in
+:mod:`~klute_sim.diagnosis.selection.joint_equations`.
 """
 
 from collections.abc import Sequence
@@ -16,15 +17,21 @@ import numpy as np
 
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.dynamics import DeviceParameters, has_internal_state
-from klute_sim.diagnosis.experiments.base import SimulationSetup
+from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
+from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.simulator import simulate_extrapolated
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.diagnosis.selection.device_equations import compute_force_residuals, find_unlimited_samples
 from klute_sim.diagnosis.selection.gait_equations import compute_walk_residual_series
+from klute_sim.diagnosis.selection.joint_equations import (
+    compute_mechanism_residual_series,
+    list_mechanism_equations,
+    name_equation,
+)
 from klute_sim.effects import catalogue
 from klute_sim.laws.pneumatics import SupplyParameters
 from klute_sim.types import Array
@@ -42,21 +49,32 @@ EQUATION_UNITS = {
     "muscle, damper or tendon": ("N", 1.0),
     "tendon": ("N", 1.0),
     "ankle": ("N·m", 1.0),
+    "hinge joint": ("N·m", 1.0),
+    "hinge joint or its devices": ("N·m", 1.0),
+    "slide joint": ("N", 1.0),
+    "slide joint or its devices": ("N", 1.0),
 }
-"""Display unit of each equation's residual, and this unit in SI."""
+"""Display unit of each kind of equation's residual, and this unit in SI."""
 
 
 class EquationResidual(NamedTuple):
     """Residual of one equation."""
 
-    name: str
-    """Name of the equation, a key of :data:`EQUATION_UNITS`."""
+    kind: str
+    """Kind of the equation, a key of :data:`EQUATION_UNITS`."""
     rms: float
     """Root mean square [SI] of the residual that all repeats share; 0 if the equation holds."""
     z_score: float
     """Mean square over its standard error under noise alone."""
     noise_std: float
     """Standard deviation [SI] of the residual between repeats."""
+    part: str | None = None
+    """Joint or device of a mechanism that the equation belongs to; None on the other rigs."""
+
+    @property
+    def name(self) -> str:
+        """Kind and part of the equation."""
+        return name_equation(self.kind, self.part)
 
 
 def select_significant_equations(equation_residuals: Sequence[EquationResidual]) -> list[EquationResidual]:
@@ -80,26 +98,36 @@ def compute_equation_residuals(data: WeightedData, final_fit: Fit) -> list[Equat
     muscle length, the force gives it through the tendon, and only the three together can be checked. The ankle of a
     walk needs force and ankle angle; the unit length follows from this angle. The list is empty without repeats, and on
     the bench where channels have different clocks. Muscle, damper and tendon are not checked in a device with internal
-    states.
+    states. A mechanism has equations of its joints and devices.
     """
-    experiments = [e for e in data.experiments if isinstance(e, BenchExperiment | GaitExperiment)]
-    hypothesis = final_fit.hypothesis
-    if not experiments:
-        return []
+    experiments, hypothesis = data.experiments, final_fit.hypothesis
     base = replace(hypothesis, terms=())
     setups = base.build_setups(final_fit.x[: base.n_device_parameters], experiments)
-    series = [
-        _compute_residual_series(e, setup.parameters)
-        if isinstance(e, BenchExperiment)
-        else compute_walk_residual_series(e, setup)
-        for e, setup in zip(experiments, setups, strict=True)
-    ]
+    series = [_compute_series(e, setup) for e, setup in zip(experiments, setups, strict=True)]
     residuals = [{name: equation.value for name, equation in trial.items()} for trial in series]
     trials = [replace(e, measured=trial) for e, trial in zip(experiments, series, strict=True)]
     noise = estimate_noise_from_repeats(trials, residuals)
     misfits = estimate_misfit(trials, residuals, noise)
-    equations = [EquationResidual(name, m.rms, m.significance, m.noise_rms) for name, m in misfits.items()]
+    parts = {
+        name: equation
+        for e in experiments
+        if isinstance(e, MechanismExperiment)
+        for name, equation in list_mechanism_equations(e).items()
+    }
+    equations = []
+    for name, misfit in misfits.items():
+        kind, part = parts.get(name, (name, None))
+        equations.append(EquationResidual(kind, misfit.rms, misfit.significance, misfit.noise_rms, part))
     return sorted(equations, key=lambda equation: -equation.z_score)
+
+
+def _compute_series(experiment: Experiment, setup: SimulationSetup) -> dict[str, TimeSeries]:
+    """Return the residual of each equation of ``experiment``, by the name of the equation."""
+    if isinstance(experiment, BenchExperiment):
+        return _compute_residual_series(experiment, setup.parameters)
+    if isinstance(experiment, GaitExperiment):
+        return compute_walk_residual_series(experiment, setup)
+    return compute_mechanism_residual_series(experiment, setup) if isinstance(experiment, MechanismExperiment) else {}
 
 
 def _compute_residual_series(experiment: BenchExperiment, parameters: DeviceParameters) -> dict[str, TimeSeries]:

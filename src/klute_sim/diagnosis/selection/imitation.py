@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
@@ -27,8 +28,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     is_as_good,
 )
 from klute_sim.diagnosis.selection.predictive_selection import COMPARISON_ROUNDS, PredictiveSelection
-from klute_sim.diagnosis.selection.sparse_regression import find_supports, format_formula, list_discrepancy_effects
-from klute_sim.effects.effect import Effect
+from klute_sim.diagnosis.selection.sparse_regression import find_supports, format_formula, list_discrepancy_terms
 from klute_sim.types import Array
 
 MAX_REMAINING_FRACTION = 0.5
@@ -79,9 +79,9 @@ def find_better_free_model(
         if best.error < limit:
             return best
     equation_residuals = compute_equation_residuals(search.data, base_fit)
-    for effect in list_discrepancy_effects(base_fit, equation_residuals, exclude).values():
+    for library in list_discrepancy_terms(base_fit, equation_residuals, exclude).values():
         # Smallest first, so that the shortest of the formulas that predict as well is compared.
-        models = list(_extend(selection, result.base.fit, effect))
+        models = list(_extend(selection, result.base.fit, library))
         if not models:  # no function has an influence
             continue
         best_model = min(models, key=lambda model: model.error)
@@ -91,17 +91,17 @@ def find_better_free_model(
         if free.error >= limit:
             continue
         # Where one condition alone determines the shape of a friction, names fail to predict it. Medians pass over it.
-        named_error = min(_complete_names(selection, result, effect, len(free.terms[-1].parameter_keys)))
+        named_error = min(_complete_names(selection, result, library, len(free.terms[-1].parameter_keys)))
         if float(np.median(free.errors)) < find_limit(named_error):
             return FreeModel(f"in one equation ({format_formula(free.fit)})", free.error, free.fit)
     return None
 
 
 def _extend(
-    selection: PredictiveSelection, current: Fit, effect: Effect, sizes: Collection[int] = ()
+    selection: PredictiveSelection, current: Fit, library: EffectTerm, sizes: Collection[int] = ()
 ) -> Iterator[PredictiveModel]:
-    """Yield ``current`` with sets of functions of ``effect``, smallest first, of the given ``sizes`` (default: all)."""
-    for support in find_supports(selection.data, current, effect):
+    """Yield ``current`` with sets of functions of ``library``, smallest first, of given ``sizes`` (default: all)."""
+    for support in find_supports(selection.data, current, library):
         if not sizes or len(support.term.parameter_keys) in sizes:
             hypothesis = current.hypothesis.with_term(support.term)
             yield selection.assess(
@@ -110,9 +110,9 @@ def _extend(
 
 
 def _complete_names(
-    selection: PredictiveSelection, result: PredictiveResult, effect: Effect, n_functions: int
+    selection: PredictiveSelection, result: PredictiveResult, library: EffectTerm, n_functions: int
 ) -> Iterator[float]:
-    """Yield the median errors of the names, and of names with functions of ``effect``: together up to ``n_functions``.
+    """Yield the median errors of the names, and of names with functions of ``library``: together up to ``n_functions``.
 
     A name counts as one function, so it is completed in its simplest form, too.
     """
@@ -124,7 +124,7 @@ def _complete_names(
     simplified = selection.simplify_terms(named_fit, named_fit.hypothesis.terms)
     for fit in [named_fit] if simplified is named_fit else [named_fit, simplified]:
         yield from (
-            float(np.median(model.errors)) for model in _extend(selection, fit, effect, range(1, n_further + 1))
+            float(np.median(model.errors)) for model in _extend(selection, fit, library, range(1, n_further + 1))
         )
 
 

@@ -17,7 +17,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hyp
 from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, select_significant_equations
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, REFIT_MAX_NFEV, ForwardSelection
 from klute_sim.effects.effect import Effect
-from klute_sim.effects.families import discrepancy_formulas, discrepancy_terms
+from klute_sim.effects.families import discrepancy_formulas, discrepancy_terms, joint_terms
 from klute_sim.types import Array
 
 MAX_FUNCTIONS = 4
@@ -34,8 +34,12 @@ DISCREPANCY_EFFECTS = {
     "muscle, damper or tendon": discrepancy_terms.UNKNOWN_FORCE,
     "tendon": discrepancy_terms.UNKNOWN_TENDON_FORCE,
     "ankle": discrepancy_terms.UNKNOWN_ANKLE_MOMENT,
+    "hinge joint": joint_terms.UNKNOWN_JOINT_MOMENT,
+    "hinge joint or its devices": joint_terms.UNKNOWN_JOINT_MOMENT,
+    "slide joint": joint_terms.UNKNOWN_GUIDE_FORCE,
+    "slide joint or its devices": joint_terms.UNKNOWN_GUIDE_FORCE,
 }
-"""Effect that is the data-driven term of each equation."""
+"""Effect that is the data-driven term of each kind of equation."""
 
 
 class Support(NamedTuple):
@@ -98,10 +102,10 @@ def fit_free_term(
     Only equations with significant residuals get a term. ``exclude`` names effects that are not candidates. Of the sets
     of functions, the ``max_supports`` with the largest predicted gains are fitted.
     """
-    effects = list_discrepancy_effects(current, equation_residuals, exclude)
-    if not effects:
+    terms = list_discrepancy_terms(current, equation_residuals, exclude)
+    if not terms:
         return DiscrepancyResult(None, "No data-driven term was fitted: no equation has a significant residual.")
-    supports = {name: find_supports(search.data, current, effect) for name, effect in effects.items()}
+    supports = {name: find_supports(search.data, current, term) for name, term in terms.items()}
     equation = max(supports, key=lambda name: max((s.predicted_bic_gain for s in supports[name]), default=-np.inf))
     promising = [s for s in supports[equation] if s.predicted_bic_gain > 0.5 * search.bic_threshold]
     if not promising:
@@ -115,19 +119,26 @@ def fit_free_term(
     return DiscrepancyResult(_fit_supports(search, current, fitted), "", equation)
 
 
-def list_discrepancy_effects(
+def list_discrepancy_terms(
     current: Fit, equation_residuals: Sequence[EquationResidual], exclude: Collection[str] = ()
-) -> dict[str, Effect]:
+) -> dict[str, EffectTerm]:
     """Return the data-driven term of each equation with a significant residual, by the name of the equation.
 
-    ``exclude`` names effects that are not candidates.
+    The terms have all functions of their library. ``exclude`` names effects that are not candidates.
     """
-    effects = {
-        equation.name: DISCREPANCY_EFFECTS[equation.name]
-        for equation in select_significant_equations(equation_residuals)
-    }
     can_add_effect = current.hypothesis.device.spec.can_add_effect
-    return {name: effect for name, effect in effects.items() if effect.name not in exclude and can_add_effect(effect)}
+    return {
+        equation.name: _make_library(effect, equation.part)
+        for equation in select_significant_equations(equation_residuals)
+        for effect in (DISCREPANCY_EFFECTS[equation.kind],)
+        if effect.name not in exclude and can_add_effect(effect)
+    }
+
+
+def _make_library(effect: Effect, part: str | None) -> EffectTerm:
+    """Return the term with all functions of ``effect``, of the joint or of the device ``part`` of a mechanism."""
+    term = EffectTerm(effect.name, effect.forms[0].name)
+    return term._replace(part=part) if effect.kind == "mechanism" else term._replace(tendon=part)
 
 
 def format_formula(fit_result: Fit) -> str:
@@ -141,10 +152,10 @@ def format_formula(fit_result: Fit) -> str:
     return ""
 
 
-def find_supports(data: WeightedData, current: Fit, effect: Effect) -> list[Support]:
-    """Return sets of up to :data:`MAX_FUNCTIONS` functions of ``effect``, smallest first."""
-    n_known, form = len(current.x), effect.forms[0]
-    hypothesis = current.hypothesis.with_term(EffectTerm(effect.name, form.name))
+def find_supports(data: WeightedData, current: Fit, library: EffectTerm) -> list[Support]:
+    """Return ``library``, a term with all its functions, with up to :data:`MAX_FUNCTIONS` of them, smallest first."""
+    n_known, form = len(current.x), library.form_definition
+    hypothesis = current.hypothesis.with_term(library)
     x0 = np.concatenate([current.x, np.zeros(len(form.parameters))])
     full_fit = fit_hypothesis(data, hypothesis, x0, max_nfev=FULL_LIBRARY_MAX_NFEV)
     # Right-hand side of the linearised least-squares problem in all parameters.
@@ -202,7 +213,7 @@ def _create_support(data: WeightedData, current: Fit, full_fit: Fit, target: Arr
     residual = target - columns @ x0
     bic_gain = current.chi2 - float(residual @ residual) - len(indices) * float(np.log(data.n_effective))
     keys = tuple(term.form_definition.parameters[k].key for k in indices)
-    return Support(EffectTerm(term.effect, term.form, None, keys), x0, bic_gain)
+    return Support(term._replace(parameter_keys=keys), x0, bic_gain)
 
 
 def _fit_supports(search: ForwardSelection, current: Fit, supports: Sequence[Support]) -> Fit:

@@ -8,6 +8,7 @@ import numpy as np
 
 from klute_sim import units
 from klute_sim.datasets.mechanism import is_model_number
+from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
 from klute_sim.diagnosis.probability import estimate_probabilities
@@ -183,13 +184,13 @@ def describe_equation_residuals(diagnosis: Diagnosis) -> str:
     significant = [
         residual
         for residual in select_significant_equations(diagnosis.equation_residuals)
-        if not (residual.name == "supply" and _reaches_noise(diagnosis, "pressure"))
+        if not (residual.kind == "supply" and _reaches_noise(diagnosis, _name_pressure(residual.part)))
     ]
     if not significant or any(term.channel for term in diagnosis.added_terms):
         return ""
     clauses = []
     for residual in significant:
-        unit, si = EQUATION_UNITS[residual.name]
+        unit, si = EQUATION_UNITS[residual.kind]
         clauses.append(
             f"{format_number(residual.rms / si, 3)} {unit} rms of {QUANTITY_BY_UNIT[unit]} are missing in "
             f"{_format_equation(residual.name)}"
@@ -211,6 +212,11 @@ def describe_probabilities(diagnosis: Diagnosis) -> str:
     clauses.append(f"nothing is missing {100.0 * probabilities.nothing_missing:.0f} %")
     source = f"calibrated on {probabilities.n_datasets} simulated datasets of the benchmark"
     return f"Probabilities, {source}: {join_words(clauses)}."
+
+
+def _name_pressure(device: str | None) -> str:
+    """Return the channel of the measured pressure, in a mechanism that of ``device``."""
+    return f"pressure_{normalize_name(device)}" if device else "pressure"
 
 
 def _reaches_noise(diagnosis: Diagnosis, channel: str) -> bool:
