@@ -13,6 +13,7 @@ from benchmarks.hidden_effects.metrics import (
     tabulate_confusion,
     tabulate_power,
 )
+from benchmarks.hidden_effects.report import METHOD_COLUMNS, OWN_METHOD, format_method, summarise_method
 from benchmarks.hidden_effects.score import is_first_right, list_effect_sets, list_hidden_effects
 
 ACCEPTED_OUTCOMES = {"right", "absorbed"}
@@ -79,15 +80,16 @@ def _render_targets(results: Sequence[Metric]) -> list[str]:
 
 
 def _render_methods(rows: Sequence[DatasetResult], baseline_rows: Mapping[str, Sequence[DatasetResult]]) -> list[str]:
-    """Return the table of methods by block, over the datasets common to all methods."""
+    """Return the table of all methods and that by block, over the datasets common to all methods."""
     common = set.intersection(*({row.name for row in method_rows} for method_rows in baseline_rows.values()))
     rows_by_method = {
         method: [row for row in method_rows if row.name in common]
-        for method, method_rows in {"klute-sim": rows, **baseline_rows}.items()
+        for method, method_rows in {OWN_METHOD: rows, **baseline_rows}.items()
     }
+    summary = [[method, *format_method(summarise_method(rows))] for method, rows in rows_by_method.items()]
     outcomes = list(dict.fromkeys(row.outcome for method_rows in rows_by_method.values() for row in method_rows))
     table = []
-    for block in dict.fromkeys(row.truth["block"] for row in rows_by_method["klute-sim"]):
+    for block in dict.fromkeys(row.truth["block"] for row in rows_by_method[OWN_METHOD]):
         for method, method_rows in rows_by_method.items():
             block_rows = [row for row in method_rows if row.truth["block"] == block]
             first = sum(
@@ -95,7 +97,11 @@ def _render_methods(rows: Sequence[DatasetResult], baseline_rows: Mapping[str, S
             )
             counts = (sum(row.outcome == outcome for row in block_rows) for outcome in outcomes)
             table.append([block, method, len(block_rows), first or "", *(count or "" for count in counts)])
-    return _render_table(["block", "method", "datasets", "first name right", *outcomes], table)
+    return [
+        *_render_table(["method", *METHOD_COLUMNS], summary),
+        "",
+        *_render_table(["block", "method", "datasets", "first name right", *outcomes], table),
+    ]
 
 
 def _render_power(rows: Sequence[DatasetResult]) -> list[str]:

@@ -8,7 +8,10 @@ from typing import Any
 from benchmarks.hidden_effects.metrics import DatasetResult, compute_metrics
 from benchmarks.hidden_effects.score import (
     MAX_ABSORBED_RESIDUAL,
+    WRONG_OUTCOMES,
     are_kinds_confused,
+    is_first_right,
+    is_out_of_catalogue,
     list_hidden_effects,
     list_named_effects,
     residual_over_noise,
@@ -18,6 +21,16 @@ from rich.table import Table
 
 OWN_METHOD = "klute-sim"
 REFIT_METHOD = "refit only"
+METHOD_COLUMNS = (
+    "alarms on clean data",
+    "exact set",
+    "first name right",
+    "wrong names",
+    "out of catalogue: flagged",
+    "gap removed on test trials, median",
+    "processor time, median [s]",
+)
+"""Columns of the table of methods, those of :func:`format_method`."""
 
 
 def print_report(
@@ -37,8 +50,8 @@ def print_report(
     if baseline_rows:
         refit = {"names": 0, "gap_over_floor": _median(_worst_gap(row)[0] for row in rows)}
         totals["methods"] = {
-            OWN_METHOD: _summarise_method(rows),
-            **{name: _summarise_method(method_rows) for name, method_rows in baseline_rows.items()},
+            OWN_METHOD: summarise_method(rows),
+            **{name: summarise_method(method_rows) for name, method_rows in baseline_rows.items()},
             REFIT_METHOD: refit,
         }
     records = [
@@ -86,21 +99,26 @@ def print_report(
 
 
 def _build_methods_table(methods: Mapping[str, Mapping[str, Any]]) -> Table:
-    table = Table(
-        "method",
-        "outcomes",
-        "median s",
-        f"share of the gap above the floor removed on show trials, median ({REFIT_METHOD}: gap left / floor, 0 names)",
-    )
-    for name, method_result in methods.items():
-        if name == REFIT_METHOD:
-            table.add_row(name, "", "", _format_number(method_result["gap_over_floor"]))
-        else:
-            outcomes = ", ".join(f"{count} {outcome}" for outcome, count in method_result["outcomes"].items())
-            table.add_row(
-                name, outcomes, f"{method_result['median_s']:.0f}", _format_number(method_result["gap_removed"])
-            )
+    table = Table("method", *METHOD_COLUMNS)
+    for name, summary in methods.items():
+        if name != REFIT_METHOD:
+            table.add_row(name, *format_method(summary))
     return table
+
+
+def format_method(summary: Mapping[str, Any]) -> list[str]:
+    """Return the cells of a method, in the order of :data:`METHOD_COLUMNS`."""
+    counts = [
+        f"{summary[count]} of {summary[total]}" if summary[total] else ""
+        for count, total in (
+            ("alarms", "clean"),
+            ("right", "known"),
+            ("first_right", "known"),
+            ("wrong", "known"),
+            ("flagged", "outside"),
+        )
+    ]
+    return [*counts, *(_format_number(summary[key]) for key in ("gap_removed", "median_cpu_s"))]
 
 
 def _format_number(value: float | None) -> str:
@@ -112,11 +130,28 @@ def _count_outcomes(rows: Sequence[DatasetResult]) -> dict[str, int]:
     return {outcome: outcomes.count(outcome) for outcome in dict.fromkeys(outcomes)}
 
 
-def _summarise_method(rows: Sequence[DatasetResult]) -> dict[str, Any]:
-    """Return the counts, the duration, and the removed fraction of the gap where there is one."""
+def summarise_method(rows: Sequence[DatasetResult]) -> dict[str, Any]:
+    """Return the counts of outcomes, the processor time, and the removed fraction of the gap where there is one.
+
+    A method alarms on a clean dataset by any verdict but ``nothing-missing``. ``known`` datasets hide what has a name,
+    those ``outside`` what has none; defective data and imperfect laws are in neither.
+    """
+    sound = [row for row in rows if not (row.truth.get("defect") or row.truth.get("law_error"))]
+    clean = [row for row in sound if not list_hidden_effects(row.truth)]
+    outside = [row for row in sound if is_out_of_catalogue(row.truth)]
+    known = [row for row in sound if list_hidden_effects(row.truth) and not is_out_of_catalogue(row.truth)]
+    times = [row.verdict["cpu_s"] for row in rows if "cpu_s" in row.verdict]
     return {
         "outcomes": _count_outcomes(rows),
-        "median_s": statistics.median(row.verdict["s"] for row in rows),
+        "clean": len(clean),
+        "alarms": sum(row.verdict["verdict"] != "nothing-missing" for row in clean),
+        "known": len(known),
+        "right": sum(row.outcome == "right" for row in known),
+        "first_right": sum(is_first_right(row.truth, row.verdict) for row in known),
+        "wrong": sum(row.outcome in WRONG_OUTCOMES for row in known),
+        "outside": len(outside),
+        "flagged": sum(row.outcome == "flagged" for row in outside),
+        "median_cpu_s": _median(times),
         "gap_removed": _median(
             _worst_gap(row)[1] for row in rows if residual_over_noise(row.verdict) >= MAX_ABSORBED_RESIDUAL
         ),

@@ -8,8 +8,7 @@ run can be interrupted and restarted. ``--shard 2/4`` processes the second quart
 that share OUT. Thresholds are set on the development half; the test half is for published numbers. The ground truth is
 read only after the verdict is saved. The direct measurements that an `indistinguishable` verdict lists are made as a
 follow-up, which takes a laboratory minutes; without any, the decisive experiment that it proposes is performed.
-``--baselines`` adds two baseline methods (:mod:`baselines`), which require ``pip install --group benchmark`` and
-exclude gait.
+``--baselines`` adds other methods (:mod:`baselines`), which require ``pip install --group benchmark`` and test benches.
 """
 
 import argparse
@@ -78,7 +77,7 @@ def compute_code_digest(rig: str = "bench") -> str:
 
 def compute_baselines_digest() -> str:
     """Return the digest of all code that determines the answers of the baseline methods."""
-    files = (HERE / "baselines.py", HERE / "force_balance.py")
+    files = sorted((HERE / "baselines").glob("*.py"))
     return hashlib.sha256(
         b"".join([compute_code_digest().encode(), *(file.read_bytes() for file in files)])
     ).hexdigest()[:12]
@@ -89,9 +88,19 @@ def run_diagnosis(dataset: Path, exclude: tuple[str, ...], n_jobs: int) -> Verdi
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "klute_sim", "diagnose", str(dataset), "--json", "--no-report"]
         command += ["--jobs", str(n_jobs), "--out", str(Path(folder) / "found")]
-        for name in exclude:
-            command += ["--exclude", name]
-        completed, seconds, processor_seconds = run_measured(command)
+        return _run_for_verdict(command, dataset, exclude)
+
+
+def run_baseline(method: str, dataset: Path, exclude: tuple[str, ...]) -> Verdict:
+    """Run the baseline method ``method`` on ``dataset``, in a process of its own to measure its processor time."""
+    return _run_for_verdict(
+        [sys.executable, "-m", "benchmarks.hidden_effects.baselines", method, str(dataset)], dataset, exclude
+    )
+
+
+def _run_for_verdict(command: Sequence[str], dataset: Path, exclude: tuple[str, ...]) -> Verdict:
+    options = [option for name in exclude for option in ("--exclude", name)]
+    completed, seconds, processor_seconds = run_measured([*command, *options])
     times = {"s": seconds, "cpu_s": processor_seconds}
     if completed.returncode == 2:  # unreadable data is refused with one sentence
         answer = {"reasons": [completed.stderr], "effects": [], "alternatives": []}
@@ -231,8 +240,8 @@ def load_baselines() -> dict[str, Callable[..., Verdict]]:
     """Return the baseline methods by name; raises ModuleNotFoundError with installation advice if one cannot run."""
     from benchmarks.hidden_effects import baselines
 
-    baselines.require_pysindy()
-    return {"plain_bic": baselines.select_by_bic, "sindy": baselines.regress_sparsely}
+    baselines.require_packages()
+    return {name: partial(run_baseline, name) for name in baselines.METHODS}
 
 
 def _iter_specs(blocks: list[str], count: int | None, seed: int, shard: str) -> Iterator[DatasetSpec]:
@@ -250,7 +259,7 @@ def main() -> None:
     parser.add_argument("--half", choices=tuple(HALF_SEEDS), default="development", help="[default: development]")
     parser.add_argument("--shard", default="1/1", metavar="I/N", help="do the I-th of N parts  [default: 1/1]")
     parser.add_argument("--at-once", type=int, default=1, metavar="N", help="datasets at once  [default: 1]")
-    parser.add_argument("--baselines", action="store_true", help="do other methods, too")
+    parser.add_argument("--baselines", action="store_true", help="run the other methods, too")
     parser.add_argument("--page", type=Path, metavar="FILE", help="write the page of results")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     arguments = parser.parse_args()

@@ -283,6 +283,8 @@ class ForceBalance(NamedTuple):
     """Derivatives [N] per standard deviation, shape (samples, uncertain numbers)."""
     term_columns: Array
     """Forces [N] per typical size, shape (samples, :data:`BALANCE_TERMS`)."""
+    operating_points: Array
+    """Contraction, velocity [m/s] and pressure [bar], shape (samples, 3)."""
 
 
 def compute_balance(dataset: Dataset, experiment: Experiment) -> ForceBalance:
@@ -297,8 +299,13 @@ def compute_balance(dataset: Dataset, experiment: Experiment) -> ForceBalance:
     usable = nominal.is_usable
     time = experiment.start_time + nominal.time[usable]
     reduced_experiment = replace(experiment, measured={"force": TimeSeries(time, missing_force[usable])})
+    operating_points = np.column_stack([nominal.contraction, nominal.velocity, nominal.pressure / BAR])
     return ForceBalance(
-        reduced_experiment, missing_force[usable], np.array(base_columns).T[usable], np.array(term_columns).T[usable]
+        reduced_experiment,
+        missing_force[usable],
+        np.array(base_columns).T[usable],
+        np.array(term_columns).T[usable],
+        operating_points[usable],
     )
 
 
