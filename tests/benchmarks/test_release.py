@@ -65,6 +65,13 @@ def test_truths_are_sealed_and_nothing_tells_them(frozen: tuple[Path, dict[str, 
     assert unseal(seal({"a": {"block": "clean"}})) == {"a": {"block": "clean"}}
 
 
+def test_only_a_release_to_develop_on_has_open_truths(frozen: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    folder, _ = frozen
+    assert not (folder / "truths.json").exists()
+    truths = release.freeze(tmp_path / "own", ("clean",), 1, 4711, has_open_truths=True)
+    assert json.loads((tmp_path / "own" / "truths.json").read_text()) == json.loads(json.dumps(truths))
+
+
 def test_truth_scores_full_marks_and_a_silent_method_does_not(
     frozen: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:

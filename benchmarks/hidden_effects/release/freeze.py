@@ -2,6 +2,7 @@
 
     python -m benchmarks.hidden_effects.release.freeze OUT                 # all blocks of the bench but adversary
     python -m benchmarks.hidden_effects.release.freeze OUT --count 2       # a small one
+    python -m benchmarks.hidden_effects.release.freeze OUT --seed 4711     # one to develop on, with truths.json
 
 The release needs no klute-sim: trials are Parquet, the device and the set-up are TOML, truths are sealed, and score.pyz
 scores a folder of answers with nothing but Python.
@@ -31,7 +32,7 @@ from benchmarks.hidden_effects.plan import (
     JOINT_BLOCKS,
     plan_datasets,
 )
-from benchmarks.hidden_effects.release.scorer import NAMES_FILE, SEALED_FILE, VERDICTS, WITHHELD_FILE, seal
+from benchmarks.hidden_effects.release.scorer import NAMES_FILE, SEALED_FILE, WITHHELD_FILE, seal
 from benchmarks.hidden_effects.run import list_excluded
 from rich.progress import track
 
@@ -45,12 +46,17 @@ BENCH_BLOCKS = tuple(block for block in BLOCK_SIZES if block not in (*GAIT_BLOCK
 """Blocks that are released: those of the test bench with the physics of the program."""
 SCORER_FILES = tuple(f"benchmarks/hidden_effects/{name}.py" for name in ("catalogue", "score", "release/scorer"))
 """Modules in score.pyz."""
+OPEN_FILE = "truths.json"
+"""Truths of a release to develop on."""
 
 
-def freeze(folder: Path, blocks: Sequence[str], count: int | None, seed: int) -> dict[str, Any]:
+def freeze(
+    folder: Path, blocks: Sequence[str], count: int | None, seed: int, *, has_open_truths: bool = False
+) -> dict[str, Any]:
     """Write the release into the new folder ``folder``; return the ground truth by name.
 
-    ``count`` limits the datasets of each block. Raises FileExistsError when ``folder`` exists.
+    ``count`` limits the datasets of each block. A release to develop on also has its truths in the open. Raises
+    FileExistsError when ``folder`` exists.
     """
     folder.mkdir(parents=True)
     specs = [
@@ -69,6 +75,8 @@ def freeze(folder: Path, blocks: Sequence[str], count: int | None, seed: int) ->
         if spec.get("deleted"):
             withheld[name] = sorted(list_excluded(spec["effects"]))
     (folder / SEALED_FILE).write_text(seal(truths), "ascii")
+    if has_open_truths:
+        (folder / OPEN_FILE).write_text(json.dumps(truths, indent=1) + "\n", "utf-8")
     kinds = {effect.name: effect.kind for effect in select_effects()} | {"number_error": "number"}
     (folder / NAMES_FILE).write_text(json.dumps(kinds, indent=1) + "\n", "utf-8")
     (folder / WITHHELD_FILE).write_text(json.dumps(withheld, indent=1) + "\n", "utf-8")
@@ -76,8 +84,7 @@ def freeze(folder: Path, blocks: Sequence[str], count: int | None, seed: int) ->
     write_scorer(folder / "score.pyz")
     shutil.copy(ROOT / "LICENSE", folder / "LICENSE")
     card = (HERE / "data_card.md").read_text("utf-8")
-    verdicts = ", ".join(f"`{verdict}`" for verdict in VERDICTS)
-    for field, text in (("verdicts", verdicts), ("count", str(len(truths))), ("effects", list_effects())):
+    for field, text in (("count", str(len(truths))), ("effects", list_effects())):
         card = card.replace(f"{{{field}}}", text)
     (folder / "DATA_CARD.md").write_text(card, "utf-8")
     return truths
@@ -138,12 +145,13 @@ def main() -> None:
     parser.add_argument("--block", choices=BENCH_BLOCKS, action="append", help="may be repeated  [default: all]")
     parser.add_argument("--count", type=int, help="datasets of every block  [default: as many as tell enough]")
     parser.add_argument("--half", choices=tuple(HALF_SEEDS), default="test", help="[default: test]")
-    parser.add_argument("--seed", type=int, help="seed of a release of your own  [default: that of the half]")
+    parser.add_argument("--seed", type=int, help="seed of a release to develop on, with truths.json")
     options = parser.parse_args()
     if options.out.exists():
         parser.error(f"{options.out} exists; choose a new folder")
     seed = HALF_SEEDS[options.half] if options.seed is None else options.seed
-    truths = freeze(options.out, options.block or BENCH_BLOCKS, options.count, seed)
+    blocks, is_own = options.block or BENCH_BLOCKS, options.seed is not None
+    truths = freeze(options.out, blocks, options.count, seed, has_open_truths=is_own)
     size = sum(file.stat().st_size for file in options.out.rglob("*") if file.is_file()) / 1e6
     print(f"{len(truths)} datasets, {size:.1f} MB in {options.out}; DATA_CARD.md says how to answer and score them.")
 
