@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pyarrow.parquet
 import pytest
 from benchmarks.hidden_effects.release import freeze as release
 from benchmarks.hidden_effects.release.scorer import compute_wilson_interval, score_answer, seal, unseal
@@ -150,6 +152,27 @@ def test_card_has_all_names_and_its_method_runs(frozen: tuple[Path, dict[str, An
     code = card.split("```python\n")[1].split("```")[0]
     subprocess.run([sys.executable, "-I", "-c", code], cwd=tmp_path, check=True)
     assert run_scorer(folder, tmp_path / "answers").returncode == 0
+
+
+def test_simulation_of_the_card_agrees_with_clean_data(
+    frozen: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, truths = frozen
+    monkeypatch.chdir(folder)
+    names: dict[str, Any] = {}
+    exec((folder / "DATA_CARD.md").read_text().split("```python\n")[2].split("```")[0], names)
+    (clean,) = (name for name, truth in truths.items() if truth["block"] == "clean")
+    table = pyarrow.parquet.read_table(folder / "datasets" / clean / "fit_1_a.parquet")
+    trial = {name.split(" [")[0]: table[name].to_numpy() for name in table.column_names}
+    force, pressure = names["simulate"](names["device"], trial)
+    assert np.std(pressure - trial["pressure"]) < 0.05
+    misfit, without_hold = (
+        np.std(values - trial["force"])[()]
+        for values in (force, names["simulate"](names["device"], trial, hold=0.0)[0])
+    )
+    assert misfit < 30.0  # the uncertain numbers are not refitted
+    assert misfit < without_hold
+    assert names["with_effect"].digest != names["changed"].digest != names["device"].digest
 
 
 def test_silence_about_a_wrong_number_is_no_success() -> None:
