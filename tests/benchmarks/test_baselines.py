@@ -200,7 +200,16 @@ def test_sysid_finds_the_optimum_of_the_package(thick: Path) -> None:
     with Calibration(load_trials(thick), ()) as calibration:
         base = calibration.base
         refit = fit_with_sysid(calibration.data, base.hypothesis, base.hypothesis.initial_point())
+        (drift,) = (t for t in calibration.terms if (t.effect, t.channel) == ("sensor_drift", "force"))
+        hypothesis = base.hypothesis.with_term(drift)
+        assert not np.isfinite(hypothesis.bounds()).all()  # mujoco.sysid refuses such bounds
+        with_drift, own = (
+            fit_with_sysid(calibration.data, hypothesis, hypothesis.initial_point()),
+            calibration.fit([drift]),
+        )
     assert refit.chi2 == pytest.approx(base.chi2, rel=1e-3)
+    assert own is not None
+    assert with_drift.chi2 == pytest.approx(own.chi2, rel=1e-3)
 
 
 @pytest.mark.extras

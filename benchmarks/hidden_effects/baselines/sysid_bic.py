@@ -28,6 +28,9 @@ RELATIVE_STEP_TOLERANCE = 1e-3
 MAX_START = 1.0
 """Largest size of an effect at the start, in typical sizes."""
 
+MAX_BOUND = 100.0
+"""Bound of a parameter without one, in typical sizes or standard deviations: ``mujoco.sysid`` needs finite bounds."""
+
 
 def select_by_sysid(trials: Trials, exclude: Sequence[str]) -> Verdict:
     """Return the effects that lower the BIC, added one at a time; each is fitted by ``mujoco.sysid``.
@@ -62,7 +65,7 @@ def fit_with_sysid(data: WeightedData, hypothesis: Hypothesis, start: Array) -> 
     """Fit ``hypothesis`` to ``data`` by ``mujoco.sysid`` from normalized parameters ``start``."""
     from mujoco import sysid
 
-    lower, upper = hypothesis.bounds()
+    lower, upper = (np.clip(bound, -MAX_BOUND, MAX_BOUND) for bound in hypothesis.bounds())
     margin = np.minimum(0.01, 0.25 * (upper - lower))  # a start at a bound can stall
     start = np.clip(start, lower + margin, upper - margin)
     parameters = sysid.ParameterDict()
