@@ -129,6 +129,9 @@ def test_dataset_states_what_it_scales(ten: Device, tmp_path: Path) -> None:
     assert "all other numbers are unchanged" in dataset.remarks[0]
     muscle = dataset.trials[0].device.parameters.muscle
     assert (muscle.resting_length, muscle.bladder_radius) == pytest.approx((0.3, 9.7308e-3), rel=1e-4)
+    given = load_dataset(tmp_path, dataset.device)  # a device that was found for these trials
+    assert given.device.spec.collect_values() == dataset.device.spec.collect_values()
+    assert not any("times as wide" in remark for remark in given.remarks)
 
 
 def test_presets_without_the_table_are_unchanged() -> None:

@@ -1,5 +1,6 @@
 """Prediction of muscles of another diameter and length by what was found on one: known truth, and honest reports."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -126,3 +127,19 @@ def test_diverging_prediction_is_a_warning() -> None:
     channels = {"force": ChannelPrediction(nominal=4.0, refitted=2.0, with_effects=np.inf, measured_range=100.0)}
     (warning,) = TransferPrediction("other", channels, "with-effects").warnings
     assert "a simulation that diverges instead of 2.0 % of the range" in warning
+
+
+@pytest.mark.parametrize(
+    ("refitted", "with_effects", "match"),
+    [
+        (5.0, 5.0001, None),
+        (5.0, 4.0, None),
+        (5.0, 6.0, "6.0 % .* instead of 5.0 %"),
+        (np.inf, np.inf, "predicts nothing"),
+    ],
+)
+def test_warnings_state_a_difference_that_can_be_read(refitted: float, with_effects: float, match: str | None) -> None:
+    channels = {"force": ChannelPrediction(9.0, refitted, with_effects, 100.0)}
+    warnings = TransferPrediction("other", channels, "with-effects").warnings
+    assert len(warnings) == (match is not None)
+    assert match is None or re.search(match, warnings[0])

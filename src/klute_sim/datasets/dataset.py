@@ -104,7 +104,8 @@ class Dataset:
 def load_dataset(folder: str | Path, device: Device | None = None, accept: Collection[str] = ()) -> Dataset:
     """Read and check the dataset in ``folder``.
 
-    ``device`` replaces the one that the dataset names. ``accept`` holds names of findings about implausible trials
+    ``device`` replaces the one that the dataset names and is of the diameter of the trials: table ``[diameter]`` does
+    not change it. ``accept`` holds names of findings about implausible trials
     that are right nevertheless, in addition to those that the dataset accepts. Raises InputError with one sentence that
     says what is wrong, where, and what is allowed.
     """
@@ -112,7 +113,9 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     content = _read_content(folder)
     source = str(folder / DATASET_FILE_NAME)
     file = file_format.parse_dataset_file(content, source)
-    device, size_remarks = scale_muscle(device or _load_device(file.device, folder), file.diameter, source)
+    size_remarks: list[str] = []
+    if device is None:
+        device, size_remarks = scale_muscle(_load_device(file.device, folder), file.diameter, source)
     mechanism = load_dataset_mechanism(file, folder, device, source)
     known_values: dict[str, float] = dict(device.spec.collect_values())
     if mechanism is not None:

@@ -82,15 +82,22 @@ class TransferPrediction:
 
     @property
     def warnings(self) -> list[str]:
-        """One sentence for each channel that the effects predict worse than the refitted device without them."""
-        return [
-            f"On '{self.dataset_name}' the added effects make the prediction of {channel} worse than that of the "
-            f"refitted device without them ({_format_error(p.with_effects, p, channel)} instead of "
-            f"{_format_error(p.refitted, p, channel)}): what was found does not hold there. Use the device without "
-            "them there."
-            for channel, p in self.channels.items()
-            if p.with_effects > p.refitted
-        ]
+        """One sentence for each channel that the effects predict worse than the refitted device, or not at all."""
+        sentences = []
+        for channel, p in self.channels.items():
+            errors = [_format_error(error, p, channel) for error in (p.with_effects, p.refitted)]
+            if not (np.isfinite(p.with_effects) or np.isfinite(p.refitted)):
+                sentences.append(
+                    f"On '{self.dataset_name}' the simulations of {channel} diverge with and without the added "
+                    "effects: what was found predicts nothing there."
+                )
+            elif p.with_effects > p.refitted and errors[0] != errors[1]:
+                sentences.append(
+                    f"On '{self.dataset_name}' the added effects make the prediction of {channel} worse than that of "
+                    f"the refitted device without them ({errors[0]} instead of {errors[1]}): what was found does not "
+                    "hold there. Use the device without them there."
+                )
+        return sentences
 
     def to_dict(self) -> dict[str, object]:
         """Return the errors in the units of their channels, for JSON; None where a simulation diverges."""
