@@ -121,7 +121,12 @@ def make_reference_source(source: SeriesSource, recordings: NamedRecordings, rem
 
 def _resample_stride(recording: Recording, stride: resample.StrideSamples, channel: str) -> Array:
     values, origin = resample.resample_phase(recording, stride, channel), channels.STRIDE_ORIGINS.get(channel)
-    return values if origin is None else values - resample.resample_phase(recording, stride, origin)[0]
+    if origin is None:
+        return values
+    relative: Array = values - resample.resample_phase(recording, stride, origin)[0]
+    if origin != channel:
+        relative[-1] = np.nan  # at the next heel strike the foot has another place on the ground
+    return relative
 
 
 def _find_common_units(label: str, recordings: NamedRecordings) -> dict[str, str]:
