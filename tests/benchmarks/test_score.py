@@ -170,7 +170,9 @@ def test_metrics_match_results(tmp_path: Path) -> None:
     # Another method is held against this one on what both were given.
     others = {"plain_bic": [rows[0]._replace(outcome="false-alarm"), rows[2]]}
     beside = page.render_page(rows, others, {}).split("## Beside other methods")[1].split("##")[0]
-    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in beside.strip().splitlines()]
+    summary, by_block = beside.strip().split("\n\n")
+    assert [line.split("|")[1].strip() for line in summary.splitlines()[2:]] == ["klute-sim", "plain_bic"]
+    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in by_block.splitlines()]
     told = {(line[0], line[1]): dict(zip(lines[0], line, strict=True)) for line in lines[2:]}
     block = rows[2].truth["block"]
     assert {key[0] for key in told} == {rows[0].truth["block"], block}

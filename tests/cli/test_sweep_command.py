@@ -172,7 +172,7 @@ def test_same_command_shows_the_table_without_simulating(
     assert "its file has no [tendon] section" in done.stdout
     assert "8 of 16 cases failed" in done.stdout
     assert "reference" in done.stdout
-    assert "Sweep folder: s  (index.html, sweep.csv, sweep.json, sweep.parquet)" in done.stdout
+    assert "Sweep folder: s  (index.html, figure.png, sweep.csv, sweep.json, sweep.parquet)" in done.stdout
 
 
 @pytest.mark.usefixtures("in_process_runner")
