@@ -92,3 +92,23 @@ def test_ankle_lacks_a_moment(diagnosis: Diagnosis) -> None:
         "If the instruments are correct, 3 N·m rms of moment are missing in the ankle; "
         "nothing is missing in the tendon."
     )
+
+
+def test_number_at_a_limit_of_the_fit_is_said(diagnosis: Diagnosis) -> None:
+    assert words.describe_numbers_at_bounds(diagnosis) == ""
+    fit = diagnosis.recommended_fit
+    x = fit.x.copy()
+    x[0] = fit.hypothesis.bounds()[0][0]
+    at_limit = replace(diagnosis, base_fit=replace(fit, x=x), final_fit=replace(fit, x=x))
+    name = fit.hypothesis.parameters[0].name
+    sentence = words.describe_numbers_at_bounds(at_limit)
+    assert sentence.startswith(f"{name} (")
+    assert ") is at a limit of the fit: the data contradict" in sentence
+
+
+def test_probabilities_name_their_source(diagnosis: Diagnosis) -> None:
+    sentence = words.describe_probabilities(diagnosis)
+    assert sentence.startswith("Probabilities, calibrated on ")
+    assert "simulated datasets of the benchmark: " in sentence
+    assert "nothing is missing " in sentence
+    assert words.describe_probabilities(replace(diagnosis, verdict="insufficient-data")) == ""

@@ -48,7 +48,7 @@ def load_calibration() -> dict[str, Any]:
 
 def estimate_probabilities(diagnosis: Diagnosis) -> Probabilities | None:
     """Return the probabilities of ``diagnosis``; None without a fit, without repeats, or with insufficient data."""
-    if diagnosis.final_fit is None or diagnosis.p_value is None or diagnosis.verdict == "insufficient-data":
+    if diagnosis.final_fit is None or not diagnosis.has_repeats or diagnosis.verdict == "insufficient-data":
         return None
     calibration = load_calibration()
     size = measure_misfit_size(diagnosis.channel_rms)

@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from klute_sim.datasets.channels import get_measured_units
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
@@ -26,8 +24,6 @@ from klute_sim.report.run_page import PAGE_FILE, encode_picture, list_files
 
 AT_BOUND_NOTE = "at a bound"
 TEMPLATE = "diagnosis.html"
-BOUND_TOLERANCE = 1e-6
-"""Largest distance from a bound, as a fraction of the range, at which a fitted parameter counts as at the bound."""
 
 UNOBSERVED_BY_RIG = {
     "bench": "The body, its joints and the ground: only the device was on the bench.",
@@ -122,7 +118,7 @@ def _format_effects_heading(diagnosis: Diagnosis) -> str:
 
 
 def _collect_warnings(diagnosis: Diagnosis) -> list[str]:
-    warnings = list(diagnosis.dataset.remarks)
+    warnings = [*diagnosis.dataset.remarks, *filter(None, [words.describe_numbers_at_bounds(diagnosis)])]
     fits = {"without added effects": diagnosis.base_fit}
     if diagnosis.added_terms:
         fits["with the added effects"] = diagnosis.final_fit
@@ -169,9 +165,7 @@ def _build_parameter_rows(
 
 
 def _format_bound_note(lower: float, upper: float, value: float) -> str:
-    if np.isfinite(upper - lower) and min(value - lower, upper - value) <= BOUND_TOLERANCE * (upper - lower):
-        return AT_BOUND_NOTE
-    return ""
+    return AT_BOUND_NOTE if words.is_at_bound(lower, upper, value) else ""
 
 
 def _build_equivalent_model_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
@@ -312,7 +306,7 @@ def _build_device_parameter_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
                 continue
             parameter = fit.hypothesis.parameters[index]
             row[name], row[f"{name}_sds"] = words.format_number(fit.values[index]), f"{fit.x[index]:+.2f}"
-            if _format_bound_note(parameter.lower, parameter.upper, fit.values[index]):
+            if words.is_at_bound(parameter.lower, parameter.upper, fit.values[index]):
                 notes.append(f"{AT_BOUND_NOTE} {model}")
         row["note"] = ", ".join(notes)
         if diagnosis.confidence_intervals and diagnosis.final_fit is not None:

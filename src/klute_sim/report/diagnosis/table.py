@@ -15,7 +15,11 @@ from klute_sim.terminal_table import create_table
 def iterate_summary(diagnosis: Diagnosis) -> Iterator[Table | str]:
     """Yield the verdict, its reasons, the added effects, the residuals, the next experiment and the split."""
     yield text.describe_verdict(diagnosis)
-    sentences = text.describe_equation_residuals(diagnosis), text.describe_probabilities(diagnosis)
+    sentences = [
+        text.describe_equation_residuals(diagnosis),
+        text.describe_probabilities(diagnosis),
+        text.describe_numbers_at_bounds(diagnosis),
+    ]
     for reason in filter(None, [*diagnosis.reasons, *sentences]):
         yield f"  {reason}"
     if diagnosis.added_terms and diagnosis.final_fit is not None:

@@ -23,6 +23,8 @@ MAX_DECIMALS = 9
 """Maximum number of decimals of values that differ little from each other."""
 MAX_NOISE_RATIO = 1.1
 """Largest ratio of a gap to the noise between repeats that is agreement."""
+BOUND_TOLERANCE = 1e-6
+"""Largest distance from a bound, as a fraction of the range, at which a fitted parameter counts as at the bound."""
 QUANTITY_BY_UNIT = {"N": "force", "bar": "pressure", "N·m": "moment"}
 """Unit of an equation residual -> its quantity."""
 PROPER_NAMES = {name.lower(): name for name in ("Bouc", "Coulomb", "Maxwell", "Stribeck", "Wen")}
@@ -201,6 +203,30 @@ def describe_equation_residuals(diagnosis: Diagnosis) -> str:
         if residual not in significant
     ]
     return f"If the instruments are correct, {'; '.join(clauses)}."
+
+
+def is_at_bound(lower: float, upper: float, value: float) -> bool:
+    """Return whether a fitted ``value`` is at a finite limit of the fit."""
+    return math.isfinite(upper - lower) and min(value - lower, upper - value) <= BOUND_TOLERANCE * (upper - lower)
+
+
+def describe_numbers_at_bounds(diagnosis: Diagnosis) -> str:
+    """Return in one sentence which numbers of the device are at a limit of the fit; '' without any."""
+    fit = diagnosis.recommended_fit if diagnosis.final_fit is not None else None
+    if fit is None:
+        return ""
+    keys = [
+        f"{parameter.name} ({format_number(value)} instead of {format_number(parameter.initial)})"
+        for parameter, value in zip(fit.hypothesis.parameters, fit.values, strict=True)
+        if parameter.term_index is None and is_at_bound(parameter.lower, parameter.upper, value)
+    ]
+    if not keys:
+        return ""
+    verb = "are" if len(keys) > 1 else "is"
+    return (
+        f"{join_words(keys)} {verb} at a limit of the fit: the data contradict the declared value, its uncertainty, or "
+        "the law that contains it."
+    )
 
 
 def describe_probabilities(diagnosis: Diagnosis) -> str:
