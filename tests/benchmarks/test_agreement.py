@@ -133,7 +133,7 @@ def test_names_and_parameters_equal_those_of_catalogue() -> None:
         listed = {p.key: (p.lower, p.upper, p.typical, p.neutral) for p in form.parameters}
         for name in listed:
             if key[0] == "choked_valve" and "resistance" in name:
-                listed[name] = (catalogue.MIN_VALVE_RESISTANCE, *listed[name][1:])
+                listed[name] = (catalogue.MIN_VALVE_RESISTANCE, catalogue.MAX_VALVE_RESISTANCE, *listed[name][2:])
         assert {name: p[:4] for name, p in catalogue.EFFECTS[key].items()} == listed
     assert not set(catalogue.OTHER_FORMS) & set(theirs)
     faults = {k for k, effect in own.get_effects().items() if effect.kind == "instrument"}
