@@ -1,9 +1,8 @@
 """Effects that can be hidden in a dataset: names, forms and parameters.
 
-Names, units, ranges and typical sizes of ``EFFECTS`` equal those of the public catalogue, except the range of
-a valve's resistance (``MIN_VALVE_RESISTANCE``). ``OTHER_FORMS`` are functional forms that are in no catalogue.
-``neutral`` is the value without effect, or ``None`` for a parameter that only shapes an effect (a time constant, a
-reach).
+Names, units, typical sizes and neutral values of ``EFFECTS`` equal those of the public catalogue, and their ranges lie
+within its ranges. ``OTHER_FORMS`` are functional forms that are in no catalogue. ``neutral`` is the value without
+effect, or ``None`` for a parameter that only shapes an effect (a time constant, a reach).
 """
 
 import math
@@ -25,8 +24,6 @@ Forms = dict[tuple[str, str], dict[str, HiddenParameter]]
 MIN_VALVE_RESISTANCE = 0.2
 """Smallest hidden resistance of a valve [s bar/dm3]. Any smaller valve acts alike: it replaces the ideal regulator by a
 pilot whose rate is limited, which alone changes the pressure by 80 mbar (rms). So no data contain its resistance."""
-MAX_VALVE_RESISTANCE = 50
-"""Largest hidden resistance of a valve [s bar/dm3]: needle valves, which fill a muscle in seconds, are not hidden."""
 
 EFFECTS: Forms = {
     ("braid_hysteresis", "coulomb"): {"slope_n_per_bar": HiddenParameter(0, 60, 8)},
@@ -89,11 +86,11 @@ EFFECTS: Forms = {
     },
     ("tendon_stiffening", "quadratic"): {"stiffening_n_per_mm2": HiddenParameter(0, 100, 2)},
     ("choked_valve", "symmetric"): {
-        "resistance_s_bar_per_dm3": HiddenParameter(MIN_VALVE_RESISTANCE, MAX_VALVE_RESISTANCE, 4),
+        "resistance_s_bar_per_dm3": HiddenParameter(MIN_VALVE_RESISTANCE, 50, 4),
         "critical_ratio": HiddenParameter(0.1, 0.6, 0.5, None),
     },
     ("choked_valve", "asymmetric"): {
-        "fill_resistance_s_bar_per_dm3": HiddenParameter(MIN_VALVE_RESISTANCE, MAX_VALVE_RESISTANCE, 4),
+        "fill_resistance_s_bar_per_dm3": HiddenParameter(MIN_VALVE_RESISTANCE, 50, 4),
         "exhaust_factor": HiddenParameter(0.1, 10, 2, None),
         "critical_ratio": HiddenParameter(0.1, 0.6, 0.5, None),
     },
