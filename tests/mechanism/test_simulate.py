@@ -172,6 +172,37 @@ def test_equal_mechanisms_share_compiled_models_and_nobody_changes_the_model_of_
     assert assembly._compile.cache_info().misses == 3
 
 
+def list_fields(model: mujoco.MjModel) -> dict[str, Array]:
+    values = {name: getattr(model, name) for name in dir(model) if not name.startswith("_")}
+    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+
+
+@pytest.mark.parametrize("name", ["klute-3-4-pair", "klute-1-1-4-pair-valve"])
+def test_model_of_another_device_equals_one_that_is_compiled_for_it(name: str) -> None:
+    mechanism = Mechanism(load_model_file("antagonist_joint"), ("flexor", "extensor"), tuple(COMMANDS))
+    device = load_device(name).parameters
+    other = device._replace(tendon=device.tendon._replace(slack_length=device.tendon.slack_length + 0.01))
+    models = []
+    for first in (device, other):
+        assembly._compile.cache_clear()
+        mechanism.compile({"flexor": first, "extensor": first}, NUMBERS, DT, with_textures=False)
+        models.append(mechanism.compile({"flexor": other, "extensor": device}, NUMBERS, DT, with_textures=False))
+    expected = list_fields(models[1])
+    assert len(expected) > 300
+    for field, value in list_fields(models[0]).items():
+        np.testing.assert_array_equal(value, expected[field], err_msg=field)
+
+
+def test_textures_move_nothing() -> None:
+    mechanism = Mechanism(load_model_file("antagonist_joint"), ("flexor", "extensor"), tuple(COMMANDS))
+    devices = dict.fromkeys(("flexor", "extensor"), PAIR.parameters)
+    drawn, plain = (mechanism.compile(devices, NUMBERS, DT, with_textures=textures) for textures in (True, False))
+    assert drawn.ntex
+    assert not plain.ntex
+    for field in ("body_mass", "body_inertia", "body_ipos", "dof_damping", "tendon_length0", "actuator_user"):
+        np.testing.assert_array_equal(getattr(drawn, field), getattr(plain, field))
+
+
 def test_mechanism_begins_at_rest_in_equilibrium() -> None:
     constant = {name: np.full(800, values[0]) for name, values in COMMANDS.items()}
     angle = read(simulate(DEVICES, constant), "angle_joint")

@@ -203,6 +203,25 @@ def _slots() -> tuple[object, object]:
     return mujoco.get_mjcb_act_dyn(), mujoco.get_mjcb_act_bias()
 
 
+def test_profiler_reads_no_clock_while_devices_are_compiled_unless_the_user_times_it() -> None:
+    model, data, _ = ankle()
+    timer = data.timer[mujoco.mjtTimer.mjTIMER_STEP]
+    with callbacks.device_callbacks("compiled"):
+        callbacks.step_model(model, data)
+    assert timer.duration == 0.0
+    mujoco.mj_step(model, data)
+    assert timer.duration > 0.0
+    readings: list[float] = []
+    mujoco.set_mjcb_time(lambda: readings.append(0.0) or 0.0)
+    try:
+        with callbacks.device_callbacks("compiled"):
+            callbacks.step_model(model, data)
+        assert mujoco.get_mjcb_time() is not None
+    finally:
+        mujoco.set_mjcb_time(None)
+    assert readings
+
+
 def test_new_process_gives_the_same_bits() -> None:
     script = (
         "import mujoco\nfrom klute_sim.device.device import load_device\n"

@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 
 from klute_sim.datasets.mechanism_channels import QUANTITIES, Channel, normalize_name, parse_channel
-from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.backend.packing import ROW_SIZE, pack_parameters
+from klute_sim.device.dynamics import DeviceParameters, has_internal_state
 from klute_sim.errors import InputError, suggest
 from klute_sim.mechanism import drives
 from klute_sim.plant import models
@@ -141,14 +142,22 @@ class Mechanism:
         numbers: Mapping[str, float],
         dt: float,
         effects: Sequence[ModelEffect] = (),
+        *,
+        with_textures: bool = True,
     ) -> mujoco.MjModel:
         """Return the model with ``devices`` (name -> parameters), changed ``numbers`` and the time step ``dt`` [s].
 
-        ``effects`` are those of the mechanism. The model is the caller's own; trials that differ in their inputs only
-        are compiled once. Raises InputError when a number or a part is unknown, or the model cannot be compiled with
-        them.
+        ``effects`` are those of the mechanism. Without textures, which only a renderer needs, small models compile some
+        ten times faster. The model is the caller's own; trials that differ in their inputs, or in
+        parameters of devices with an elastic tendon, are compiled once. Raises InputError when a number or a part is
+        unknown, or the model cannot be compiled with them.
         """
-        return copy.copy(_compile(self, tuple(devices.items()), tuple(numbers.items()), dt, tuple(effects)))
+        mounted = tuple(_MountedDevice.mount(name, parameters) for name, parameters in devices.items())
+        model = copy.copy(_compile(self, mounted, tuple(numbers.items()), dt, tuple(effects), with_textures))
+        for name, parameters in devices.items():
+            actuator = model.actuator(self.find_actuator(model, name)).id
+            model.actuator_user[actuator, :ROW_SIZE] = pack_parameters(parameters)
+        return model
 
     def find_actuator(self, model: mujoco.MjModel, device: str) -> str:
         """Return the name of the actuator of ``device`` in a compiled ``model``."""
@@ -160,22 +169,43 @@ class Mechanism:
         raise InputError(f"the model has no actuator on tendon '{device}'")
 
 
+@dataclass(frozen=True)
+class _MountedDevice:
+    """A device on its tendon. Two are equal if the compiled models differ in their rows of parameters only."""
+
+    name: str
+    """Name of the device."""
+    structure: DeviceParameters | bool
+    """Whether the device has internal states; on a rigid tie, whose damper and stop are part of the model, its
+    parameters."""
+    parameters: DeviceParameters = field(compare=False)
+    """Parameters."""
+
+    @classmethod
+    def mount(cls, name: str, parameters: DeviceParameters) -> "_MountedDevice":
+        """Return the device ``name`` with ``parameters``."""
+        return cls(name, parameters if parameters.tendon.is_rigid else has_internal_state(parameters), parameters)
+
+
 @lru_cache(MAX_CACHED_MODELS)
 def _compile(
     mechanism: Mechanism,
-    devices: tuple[tuple[str, DeviceParameters], ...],
+    devices: tuple[_MountedDevice, ...],
     numbers: tuple[tuple[str, float], ...],
     dt: float,
     effects: tuple[ModelEffect, ...],
+    with_textures: bool,
 ) -> mujoco.MjModel:
-    """Return the model that :meth:`Mechanism.compile` copies."""
+    """Return the model that :meth:`Mechanism.compile` copies; its devices have the structure of ``devices``."""
     spec = mechanism.spec.copy()
     set_model_numbers(spec, dict(numbers))
     apply_model_effects(spec, effects)
     spec.option.timestep = dt
-    actuators = {prepare_actuator(spec, name): parameters for name, parameters in devices}
-    for name, parameters in devices:
-        _stop_at_resting_length(spec.tendon(name), parameters)
+    if not with_textures:
+        _remove_textures(spec)
+    actuators = {prepare_actuator(spec, device.name): device.parameters for device in devices}
+    for device in devices:
+        _stop_at_resting_length(spec.tendon(device.name), device.parameters)
     for binding in mechanism.bindings.values():
         if binding.channel.quantity in ("angle", "position"):
             drives.add_drive(spec, spec.joint(binding.name))
@@ -185,6 +215,13 @@ def _compile(
         return models.attach_devices(spec, actuators)
     except ValueError as error:
         raise InputError(f"the model {mechanism.file.path} cannot be compiled: {error}") from None
+
+
+def _remove_textures(spec: mujoco.MjSpec) -> None:
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for texture in list(spec.textures):
+        spec.delete(texture)
 
 
 def prepare_actuator(spec: mujoco.MjSpec, device: str) -> str:

@@ -183,7 +183,7 @@ def simulate_mechanism(
     }
     # Python callbacks of one thread would keep other threads from compiling their models.
     with _python_lock if callbacks.choose_backend(backend) == "python" else nullcontext():
-        model = mechanism.compile(parameters, numbers or {}, dt, effects)
+        model = mechanism.compile(parameters, numbers or {}, dt, effects, with_textures=False)
         data = mujoco.MjData(model)
         if n_steps * sum(getattr(data, field).size for field in RECORDED_FIELDS) > MAX_RECORDED_VALUES:
             raise InputError(

@@ -62,6 +62,8 @@ class Callbacks(NamedTuple):
     """Function for ``mjcb_act_dyn``."""
     act_bias: Any
     """Function for ``mjcb_act_bias``."""
+    time: Any
+    """Function for ``mjcb_time`` that reads no clock."""
 
 
 def _record_fault(model_address: int, data_address: int, actuator: int, *values: float) -> float:
@@ -93,6 +95,10 @@ def _pointer_to_address(typing: Any, pointer: Any) -> Any:
         return builder.ptrtoint(arguments[0], context.get_value_type(types.int64))
 
     return types.int64(types.voidptr), generate
+
+
+def _skip_clock() -> float:
+    return 0.0
 
 
 @cache
@@ -139,12 +145,12 @@ def get_callbacks() -> Callbacks:
     code = compile_module(struct_access, **offsets, **functions)
     signature = types.float64(types.voidptr, types.voidptr, types.intc)
     constants = repr((sorted(offsets.items()), struct_access.USER_DYNAMICS))
-    callbacks = Callbacks(
-        *(compile_cached(numba.cfunc, function, signature, constants) for function in (code.act_dyn, code.act_bias))
+    act_dyn, act_bias = (
+        compile_cached(numba.cfunc, function, signature, constants) for function in (code.act_dyn, code.act_bias)
     )
-    for callback in callbacks:
+    for callback in (act_dyn, act_bias):
         callback.ctypes.argtypes = (_StructArgument, _StructArgument, ctypes.c_int)
-    return callbacks
+    return Callbacks(act_dyn, act_bias, numba.cfunc(types.float64())(_skip_clock))
 
 
 class _StructArgument:
