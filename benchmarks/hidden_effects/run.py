@@ -8,6 +8,7 @@ run can be interrupted and restarted. ``--shard 2/4`` processes the second quart
 that share OUT. Thresholds are set on the development half; the test half is for published numbers. The ground truth is
 read only after the verdict is saved. The direct measurements that an `indistinguishable` verdict lists are made as a
 follow-up, which takes a laboratory minutes; without any, the decisive experiment that it proposes is performed.
+``--finished`` scores stored results of any code and diagnoses nothing; OUT can be an unpacked archive of ``results/``.
 ``--baselines`` adds other methods (:mod:`baselines`), which require ``pip install --group benchmark`` and test benches.
 """
 
@@ -48,6 +49,8 @@ from rich.progress import track
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
+DIGEST_LENGTH = 12
+"""Hexadecimal digits of the digest of the code in the name of a result."""
 Verdict = dict[str, Any]
 MAKERS: Mapping[str, Callable[..., Verdict]] = {
     "bench": make_dataset,
@@ -72,7 +75,7 @@ def compute_code_digest(rig: str = "bench") -> str:
     if rig == "gait":
         gait = ROOT / "src" / "klute_sim" / "gait"
         files += [gait / "rig" / "build.py", gait / "body.py", ROOT / "models" / "ankle.xml"]
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:DIGEST_LENGTH]
 
 
 def compute_baselines_digest() -> str:
@@ -80,7 +83,7 @@ def compute_baselines_digest() -> str:
     files = sorted((HERE / "baselines").glob("*.py"))
     return hashlib.sha256(
         b"".join([compute_code_digest().encode(), *(file.read_bytes() for file in files)])
-    ).hexdigest()[:12]
+    ).hexdigest()[:DIGEST_LENGTH]
 
 
 def run_diagnosis(dataset: Path, exclude: tuple[str, ...], n_jobs: int) -> Verdict:
@@ -183,6 +186,27 @@ class BenchmarkRun:
             for method, other in answers.items()
         }
 
+    def load_finished(self, spec: DatasetSpec) -> DatasetResult | None:
+        """Return the stored result of the dataset ``spec``, of whatever code; None if there is none.
+
+        Raises ValueError if results of several codes are stored.
+        """
+        name = spec["name"]
+        verdict_file, second_file = self._find_result(name), self._find_result(f"{name}_second")
+        if verdict_file is None:
+            return None
+        truth, verdict = (
+            json.loads(file.read_text("utf-8")) for file in (self._folder / f"{name}.truth.json", verdict_file)
+        )
+        second_outcome = second_file and score_follow_up(truth, json.loads(second_file.read_text("utf-8")))
+        return DatasetResult(name, truth, verdict, score_verdict(truth, verdict), second_outcome)
+
+    def _find_result(self, name: str) -> Path | None:
+        files = list((self._folder / "results").glob(f"{name}_{'[0-9a-f]' * DIGEST_LENGTH}.json"))
+        if len(files) > 1:
+            raise ValueError(f"{self._folder}: results of {len(files)} codes for {name}; keep those of one")
+        return files[0] if files else None
+
     def _result_path(self, name: str, digest: str) -> Path:
         return self._folder / "results" / f"{name}_{digest}.json"
 
@@ -260,6 +284,7 @@ def main() -> None:
     parser.add_argument("--shard", default="1/1", metavar="I/N", help="do the I-th of N parts  [default: 1/1]")
     parser.add_argument("--at-once", type=int, default=1, metavar="N", help="datasets at once  [default: 1]")
     parser.add_argument("--baselines", action="store_true", help="run the other methods, too")
+    parser.add_argument("--finished", action="store_true", help="score stored results only, of any code")
     parser.add_argument("--page", type=Path, metavar="FILE", help="write the page of results")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     arguments = parser.parse_args()
@@ -271,17 +296,21 @@ def main() -> None:
     specs = list(_iter_specs(blocks, arguments.count, HALF_SEEDS[arguments.half], arguments.shard))
     console = Console(stderr=True)
     run = BenchmarkRun(arguments.out, max(1, (os.cpu_count() or 1) // arguments.at_once), methods)
-    with ThreadPoolExecutor(arguments.at_once) as pool:
-        results = track(
-            pool.map(run.process_dataset, specs),
-            "diagnosing",
-            len(specs),
-            console=console,
-            disable=not console.is_terminal,
-        )
-        completed = list(results)
-    rows = [row for row, _ in completed]
-    others = {method: [method_results[method] for _, method_results in completed] for method in methods}
+    if arguments.finished:
+        rows = [row for row in map(run.load_finished, specs) if row is not None]
+        others = {}
+    else:
+        with ThreadPoolExecutor(arguments.at_once) as pool:
+            results = track(
+                pool.map(run.process_dataset, specs),
+                "diagnosing",
+                len(specs),
+                console=console,
+                disable=not console.is_terminal,
+            )
+            completed = list(results)
+        rows = [row for row, _ in completed]
+        others = {method: [method_results[method] for _, method_results in completed] for method in methods}
     if arguments.page:
         head = {
             "half": arguments.half,
