@@ -16,6 +16,7 @@ import shutil
 import sys
 import tempfile
 import zipfile
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,7 @@ from benchmarks.hidden_effects.release.scorer import NAMES_FILE, SEALED_FILE, WI
 from benchmarks.hidden_effects.run import list_excluded
 from rich.progress import track
 
+import klute_sim
 from klute_sim.device.device import load_device
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect
@@ -84,7 +86,14 @@ def freeze(
     write_scorer(folder / "score.pyz")
     shutil.copy(ROOT / "LICENSE", folder / "LICENSE")
     card = (HERE / "data_card.md").read_text("utf-8")
-    for field, text in (("count", str(len(truths))), ("effects", list_effects())):
+    n_by_block = Counter(truth["block"] for truth in truths.values())
+    fields = {
+        "count": str(len(truths)),
+        "kinds": ", ".join(f"{block} {n_by_block[block]}" for block in blocks),
+        "version": klute_sim.__version__,
+        "effects": list_effects(),
+    }
+    for field, text in fields.items():
         card = card.replace(f"{{{field}}}", text)
     (folder / "DATA_CARD.md").write_text(card, "utf-8")
     return truths

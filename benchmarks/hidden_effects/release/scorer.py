@@ -197,7 +197,7 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
             "imperfect law: names right", ("imperfect",), is_right, selects=lambda a: bool(list_hidden_effects(a.truth))
         ),
         count(
-            "imperfect law: an effect is invented",
+            "imperfect law: a name without an effect",
             ("imperfect",),
             is_wrong,
             False,
