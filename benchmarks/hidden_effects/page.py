@@ -28,7 +28,7 @@ def render_page(
     blocks = list(dict.fromkeys(row.truth["block"] for row in rows))
     lines = ["# The hidden-effect benchmark: results", ""]
     lines += [f"{key}: {value}  " for key, value in header.items()]
-    lines += ["", "## What was aimed at", "", *_render_targets(compute_metrics(rows)), "", "## Blocks", ""]
+    lines += ["", "## Targets", "", *_render_targets(compute_metrics(rows)), "", "## Blocks", ""]
     outcomes = list(dict.fromkeys(row.outcome for row in rows))
     lines += _render_table(
         ["block", "datasets", *outcomes],
@@ -39,17 +39,17 @@ def render_page(
         ],
     )
     if baseline_rows:
-        lines += ["", "## Beside other methods", "", *_render_methods(rows, baseline_rows)]
-    lines += ["", "## Power: what became of single effects, by their size over the noise", "", *_render_power(rows)]
-    lines += ["", "## How many repeats, for effects of half the noise", "", *_render_repeats(rows)]
-    lines += ["", "## What a sensor for the muscle's length brings", "", *_render_length_sensor(rows)]
+        lines += ["", "## Other methods", "", *_render_methods(rows, baseline_rows)]
+    lines += ["", "## Power: outcome of single effects by their size over the noise", "", *_render_power(rows)]
+    lines += ["", "## Repeats, for effects of half the noise", "", *_render_repeats(rows)]
+    lines += ["", "## Sensor of the muscle's length", "", *_render_length_sensor(rows)]
     lines += [
         "",
         "## Confusion",
         "",
         *_render_confusion(rows),
         "",
-        "## What was not right, and why",
+        "## Failures, with the reasons that the program states",
         "",
         *_render_failures(rows),
     ]
@@ -75,8 +75,8 @@ def _render_targets(results: Sequence[Metric]) -> list[str]:
             else ""
         )
         met = {None: "", True: "yes", False: "**no**"}[metric.met]
-        rows.append([metric.name, value, interval, metric.of, metric.target, met])
-    return _render_table(["", "measured", "95 % interval", "of", "aimed at", "met"], rows)
+        rows.append([metric.name, value, interval, metric.n, metric.target, met])
+    return _render_table(["", "measured", "95 % interval", "n", "target", "met"], rows)
 
 
 def _render_methods(rows: Sequence[DatasetResult], baseline_rows: Mapping[str, Sequence[DatasetResult]]) -> list[str]:
@@ -147,13 +147,13 @@ def _render_length_sensor(rows: Sequence[DatasetResult]) -> list[str]:
         error = f"{100 * statistics.median(errors):.1f} %" if errors else "-"
         table.append([label, len(subset), n_right, n_unambiguous, error])
     return _render_table(
-        ["muscle's length", "datasets", "right", "of them by one name", "error of a number, median"], table
+        ["muscle's length", "datasets", "right", "right with one name", "relative error of a parameter, median"], table
     )
 
 
 def _render_confusion(rows: Sequence[DatasetResult]) -> list[str]:
     return _render_table(
-        ["hidden", "told (how often)"],
+        ["hidden", "verdict (count)"],
         [
             [
                 true,
@@ -192,4 +192,4 @@ def _render_failures(rows: Sequence[DatasetResult]) -> list[str]:
                 reason[:MAX_REASON_LENGTH],
             ]
         )
-    return _render_table(["dataset", "hidden", "size", "told", "outcome", "what the program said"], table)
+    return _render_table(["dataset", "hidden", "size", "verdict", "outcome", "reasons"], table)

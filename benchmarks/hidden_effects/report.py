@@ -44,7 +44,7 @@ def print_report(
             row.verdict["verdict"] == "indistinguishable" and not row.verdict["next_experiment"] for row in rows
         ),
         "kinds_confused": sum(are_kinds_confused(row.truth, row.verdict) for row in rows),
-        "median_s": statistics.median(row.verdict["s"] for row in rows),
+        "median_cpu_s": statistics.median(row.verdict["cpu_s"] for row in rows),
         "metrics": [metric._asdict() for metric in compute_metrics(rows)],
     }
     if baseline_rows:
@@ -59,7 +59,7 @@ def print_report(
             "dataset": row.name,
             "hidden": list_hidden_effects(row.truth),
             "size": row.truth["size"],
-            "left": residual_over_noise(row.verdict),
+            "misfit": residual_over_noise(row.verdict),
             "verdict": row.verdict["verdict"],
             "named": list_named_effects(row.verdict),
             "alternatives": row.verdict["alternatives"],
@@ -75,10 +75,10 @@ def print_report(
     if as_json:
         print(json.dumps({**totals, "rows": records}, indent=2))
         return
-    table = Table("dataset", "hidden", "size", "left", "verdict", "named", "outcome", *baseline_rows)
+    table = Table("dataset", "hidden", "size", "misfit", "verdict", "named", "outcome", *baseline_rows)
     for row in records:
         named = ", ".join(row["named"]) + ("".join(f" | {', '.join(a)}" for a in row["alternatives"]))
-        sizes = f"{row['size']:.1f}", f"{row['left']:.1f}"
+        sizes = f"{row['size']:.1f}", f"{row['misfit']:.1f}"
         outcomes = [row[method]["outcome"] for method in baseline_rows]
         table.add_row(
             row["dataset"], ", ".join(row["hidden"]), *sizes, row["verdict"], named, row["outcome"], *outcomes
@@ -86,12 +86,12 @@ def print_report(
     out = Console(width=150, highlight=False)
     out.print(table)
     methods = totals.pop("methods", {})
-    targets = Table("", "measured", "of", "aimed at", "met")
+    targets = Table("", "measured", "95 % interval", "n", "target", "met")
     for metric in compute_metrics(rows):
-        value = "-" if metric.value is None else f"{metric.value:.3g}"
-        targets.add_row(
-            metric.name, value, str(metric.of), metric.target, {None: "", True: "yes", False: "no"}[metric.met]
-        )
+        if metric.value is not None:
+            interval = "" if metric.low is None else f"{metric.low:.2f} to {metric.high:.2f}"
+            met = {None: "", True: "yes", False: "no"}[metric.met]
+            targets.add_row(metric.name, f"{metric.value:.3g}", interval, str(metric.n), metric.target, met)
     out.print(targets)
     out.print({key: value for key, value in totals.items() if key != "metrics"})
     if methods:

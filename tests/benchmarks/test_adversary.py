@@ -52,7 +52,7 @@ def truth(present: tuple = (), effects: tuple = ()) -> dict:
 def verdict(kind: str, *effects: dict, alternatives: tuple = ()) -> dict:
     gap = {"force": {"refitted": 9.0, "after": 1.0, "floor": 1.0}}
     told = {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives)}
-    return {**told, "gap": gap, "indistinguishable": [], "s": 1.0}
+    return {**told, "gap": gap, "indistinguishable": [], "cpu_s": 1.0}
 
 
 def test_nothing_of_the_program_or_of_the_other_blocks_is_imported() -> None:
@@ -226,7 +226,7 @@ def test_other_physics_has_metrics_of_its_own() -> None:
     assert values["other physics: a wrong name alone"].value == 0.5
     assert values["other physics: names right, effect at least as large as the noise"].value == 0.5
     assert values["other physics: something is named that is not there, without a strong effect"].value == 1.0
-    assert values["wrong name, at any size"].of == 0
+    assert values["wrong name, at any size"].n == 0
     assert run.get_maker("adversary") is dataset.make_dataset
     assert run.get_maker("clean") is run.MAKERS["bench"]
 

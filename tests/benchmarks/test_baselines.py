@@ -305,7 +305,7 @@ def test_tables_compare_methods(capsys: pytest.CaptureFixture[str]) -> None:
             for e in truth["effects"]
         ]
         found = {"verdict": verdict, "effects": effects if verdict == "identified" else [], "alternatives": []}
-        found |= {"gap": gap, "s": 1.0, "cpu_s": seconds}
+        found |= {"gap": gap, "cpu_s": seconds}
         return DatasetResult(f"{truth['block']}_{outcome}", truth, found, outcome)
 
     rows = [

@@ -34,8 +34,8 @@ MASS = {"name": "moving_mass", "form": "rigid", "parameters": {"mass_kg": 2.0}}
 
 def verdict(kind: str, *effects: dict, alternatives: tuple = (), left: float = 1.0, after: float = 1.0) -> dict:
     gap = {"force": {"refitted": left, "after": after, "floor": 1.0}}
-    told = {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives)}
-    return told | {"gap": gap, "indistinguishable": [["braid_hysteresis", "seal_friction"]], "s": 10.0}
+    answer = {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives)}
+    return answer | {"gap": gap, "indistinguishable": [["braid_hysteresis", "seal_friction"]], "cpu_s": 10.0}
 
 
 def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
@@ -95,8 +95,8 @@ def test_first_effect_and_kind_are_scored_separately() -> None:
 
 def test_parameter_of_fault_is_compared_despite_its_name() -> None:
     true = {"name": "sensor_drift", "form": "linear", "channel": "force", "parameters": {"drift_per_s": -10.0}}
-    told = {"value": -11.0, "low": -12.0, "high": -9.0}
-    found = {"name": "sensor_drift", "form": "linear", "channel": "force", "parameters": {"rate_per_s": told}}
+    rate = {"value": -11.0, "low": -12.0, "high": -9.0}
+    found = {"name": "sensor_drift", "form": "linear", "channel": "force", "parameters": {"rate_per_s": rate}}
     row = DatasetResult("instrument_0", truth((), (true,), block="instrument"), verdict("identified", found), "right")
     (one,) = metrics.iter_parameter_intervals([row])
     assert one.relative_error == pytest.approx(0.1)
@@ -113,12 +113,12 @@ def test_indistinguishable_follow_up_is_open() -> None:
 def test_metrics_match_results(tmp_path: Path) -> None:
     slope = {"slope_n_per_bar": 10.0}
     true = {**HYSTERESIS, "form": "coulomb", "parameters": slope}
-    told = {**true, "parameters": {"slope_n_per_bar": {"value": 11.0, "low": 9.0, "high": 12.0}}}
+    reported = {**true, "parameters": {"slope_n_per_bar": {"value": 11.0, "low": 9.0, "high": 12.0}}}
     off = {**true, "parameters": {"slope_n_per_bar": {"value": 14.0, "low": 13.0, "high": 15.0}}}
     rows = [
         DatasetResult("clean_0", truth(block="clean", size=0.0), verdict("nothing-missing"), "right"),
         DatasetResult("clean_1", truth(block="clean", size=0.0), verdict("identified", GAIN), "false-alarm"),
-        DatasetResult("single_0", truth((true,)), verdict("identified", told, left=5.0, after=1.4), "right"),
+        DatasetResult("single_0", truth((true,)), verdict("identified", reported, left=5.0, after=1.4), "right"),
         DatasetResult("single_1", truth((true,)), verdict("identified", off, left=5.0, after=1.0), "right"),
         DatasetResult("single_2", truth((true,), size=0.7), verdict("nothing-missing"), "absorbed"),
         DatasetResult(
@@ -147,19 +147,19 @@ def test_metrics_match_results(tmp_path: Path) -> None:
     ]
     found = {one.name: one for one in metrics.compute_metrics(rows)}
     alarms = found["false alarms on clean data"]
-    assert (alarms.value, alarms.of, alarms.met) == (0.5, 2, False)
+    assert (alarms.value, alarms.n, alarms.met) == (0.5, 2, False)
     # Wilson (1927) for 1 of 2.
     assert (alarms.low, alarms.high) == pytest.approx((0.0945, 0.9055), abs=1e-4)
-    assert found["exact set, singles at least as large as the noise"].of == 2
-    assert found["error of a number, median"].value == pytest.approx(0.25)  # of 0.1 and 0.4
+    assert found["exact set, singles at least as large as the noise"].n == 2
+    assert found["relative error of a parameter, median"].value == pytest.approx(0.25)  # of 0.1 and 0.4
     assert found["95 % intervals that cover the truth"].value == 0.5
-    removed = found["gap above the floor removed on unseen trials, named, median"]
+    removed = found["misfit above the noise removed on test trials, identified, median"]
     assert removed.value == pytest.approx((0.9 + 1.0) / 2)
     assert found["wrong name, at any size"].value == pytest.approx(1 / 8)
-    assert found["in no catalogue: flagged, or nothing left to flag"].value == 0.0
-    assert found["rival sets contain the truth"].value == 1.0
-    decided = found["resolved by the experiment that was asked for"]
-    assert (decided.value, decided.of) == (0.5, 2)  # of the third the program said that nothing separates it
+    assert found["outside the catalogue: flagged, or nothing left to flag"].value == 0.0
+    assert found["indistinguishable sets contain the truth"].value == 1.0
+    decided = found["resolved by the proposed measurement or experiment"]
+    assert (decided.value, decided.n) == (0.5, 2)  # of the third the program said that nothing separates it
     assert found["exact set, pairs"].value is None
     text = page.render_page(rows, {}, {"half": "test"})
     assert "| clean_1 |" in text
@@ -173,26 +173,28 @@ def test_metrics_match_results(tmp_path: Path) -> None:
     summary, by_block = beside.strip().split("\n\n")
     assert [line.split("|")[1].strip() for line in summary.splitlines()[2:]] == ["klute-sim", "plain_bic"]
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in by_block.splitlines()]
-    told = {(line[0], line[1]): dict(zip(lines[0], line, strict=True)) for line in lines[2:]}
+    reported = {(line[0], line[1]): dict(zip(lines[0], line, strict=True)) for line in lines[2:]}
     block = rows[2].truth["block"]
-    assert {key[0] for key in told} == {rows[0].truth["block"], block}
-    assert told["clean", "klute-sim"]["datasets"] == "1"
-    assert told["clean", "plain_bic"]["false-alarm"] == "1"
-    assert told[block, "klute-sim"] | {"method": ""} == told[block, "plain_bic"] | {"method": ""}
+    assert {key[0] for key in reported} == {rows[0].truth["block"], block}
+    assert reported["clean", "klute-sim"]["datasets"] == "1"
+    assert reported["clean", "plain_bic"]["false-alarm"] == "1"
+    assert reported[block, "klute-sim"] | {"method": ""} == reported[block, "plain_bic"] | {"method": ""}
 
 
 def test_gait_metrics_are_separate() -> None:
     friction = {"name": "ankle_friction", "form": "coulomb", "parameters": {"moment_n_m": 2.0}}
-    told = {**friction, "channel": None, "parameters": {"moment_n_m": {"value": 2.1, "low": 1.9, "high": 2.3}}}
+    reported = {**friction, "channel": None, "parameters": {"moment_n_m": {"value": 2.1, "low": 1.9, "high": 2.3}}}
     bench = [DatasetResult("clean_0", truth(block="clean", size=0.0), verdict("nothing-missing"), "right")]
     walks = [
-        DatasetResult("walk_0", truth((friction,), block="walk", size=2.0), verdict("identified", told), "right"),
+        DatasetResult("walk_0", truth((friction,), block="walk", size=2.0), verdict("identified", reported), "right"),
         DatasetResult("walk_1", truth((friction,), block="walk", size=0.7), verdict("nothing-missing"), "absorbed"),
-        DatasetResult("walk_clean_0", truth(block="walk_clean", size=0.0), verdict("identified", told), "false-alarm"),
+        DatasetResult(
+            "walk_clean_0", truth(block="walk_clean", size=0.0), verdict("identified", reported), "false-alarm"
+        ),
     ]
     plain, found = ({one.name: one for one in metrics.compute_metrics(rows)} for rows in (bench, bench + walks))
     assert {name: found[name] for name in plain} == plain
-    assert found["walks: exact set, effect at least as large as the noise"].of == 1
+    assert found["walks: exact set, effect at least as large as the noise"].n == 1
     assert found["walks: false alarms on clean data"].value == 1.0
     assert found["walks: wrong name, at any size"].value == pytest.approx(1 / 3)
     assert found["walks: 95 % intervals that cover the truth"].value == 1.0
