@@ -166,10 +166,10 @@ def test_metrics_match_results(tmp_path: Path) -> None:
     assert "| outside_0 | moving_mass |" in text
     assert "| single_2 |" not in text  # absorbed is nobody's fault
     assert "braid_hysteresis, coulomb" in text
-    assert "Beside other methods" not in text
+    assert "Other methods" not in text
     # Another method is held against this one on what both were given.
     others = {"plain_bic": [rows[0]._replace(outcome="false-alarm"), rows[2]]}
-    beside = page.render_page(rows, others, {}).split("## Beside other methods")[1].split("##")[0]
+    beside = page.render_page(rows, others, {}).split("## Other methods")[1].split("##")[0]
     summary, by_block = beside.strip().split("\n\n")
     assert [line.split("|")[1].strip() for line in summary.splitlines()[2:]] == ["klute-sim", "plain_bic"]
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in by_block.splitlines()]
