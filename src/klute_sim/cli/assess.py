@@ -7,10 +7,12 @@ from typing import Any
 import click
 
 from klute_sim.cli import common
+from klute_sim.cli.option_sections import Command, section
 
 
-@click.command("assess")
+@click.command("assess", cls=Command)
 @click.argument("references", nargs=-1, type=common.NonEmptyPath(), metavar="[REFERENCE]...")
+@section("Model")
 @click.option(
     "--only",
     multiple=True,
@@ -20,14 +22,18 @@ from klute_sim.cli import common
 @common.OWN_DEVICES_OPTION
 @common.OWN_CONTROLLERS_OPTION
 @common.FOOT_OPTION
+@section("Subject")
 @common.STRIDE_TIME_OPTION
 @common.ACCEPT_OPTION
 @common.mass_option("the value in the folder of the reference, or 75")
 @common.STATURE_OPTION
 @common.REJECT_HEIGHT_OPTION
+@section("Conditions")
 @common.SPEED_OPTION
+@section("Simulation")
 @common.strides_option("Number of strides per gait")
 @common.TIME_STEP_OPTION
+@section("Output")
 @common.out_option("assess", "the page")
 @common.json_option("the tables")
 def command(

@@ -7,9 +7,11 @@ from typing import Any
 import click
 
 from klute_sim.cli import common
+from klute_sim.cli.option_sections import Command, section
 
 
-@click.command("baselines")
+@click.command("baselines", cls=Command)
+@section("Model")
 @click.option(
     "--only",
     multiple=True,
@@ -19,17 +21,21 @@ from klute_sim.cli import common
 @common.OWN_DEVICES_OPTION
 @common.OWN_CONTROLLERS_OPTION
 @common.FOOT_OPTION
+@section("Subject")
 @common.REFERENCE_OPTION
 @common.STRIDE_TIME_OPTION
 @common.ACCEPT_OPTION
 @common.mass_option()
 @common.STATURE_OPTION
 @common.REJECT_HEIGHT_OPTION
+@section("Conditions")
 @common.SPEED_OPTION
 @common.slope_option("Ground slope of the conditions uphill and downhill [deg].", default=5.0)
+@section("Simulation")
 @common.strides_option("Number of strides per run")
 @common.TIME_STEP_OPTION
 @common.jobs_option()
+@section("Output")
 @common.resumable_out_option("baselines", "the runs")
 @common.json_option("the tables")
 def command(

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 import click
 
 from klute_sim.cli import common, completion
+from klute_sim.cli.option_sections import Command, section
 
 if TYPE_CHECKING:
     from klute_sim.device.device import Device
 
 
-@click.command("bench")
+@click.command("bench", cls=Command)
 @click.argument("protocol_name", metavar="[PROTOCOL|FILE]", required=False, shell_complete=completion.complete_protocol)
 @click.argument("device_name", metavar="[DEVICE|FILE]", required=False, shell_complete=completion.complete_device)
-@click.option("--list", "as_list", is_flag=True, help="List the protocols of the package.")
-@click.option("--toml", "as_toml", is_flag=True, help="Print the file of PROTOCOL, as a template for your own.")
+@section("Simulation")
 @click.option(
     "--mujoco",
     is_flag=True,
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     "device is simulated]",
 )
 @common.TIME_STEP_OPTION
+@section("Output")
+@click.option("--list", "as_list", is_flag=True, help="List the protocols of the package.")
+@click.option("--toml", "as_toml", is_flag=True, help="Print the file of PROTOCOL, as a template for your own.")
 @common.out_option("bench", "the run")
 @common.json_option()
 def command(

@@ -6,14 +6,16 @@ from pathlib import Path
 import click
 
 from klute_sim.cli import common, completion
+from klute_sim.cli.option_sections import Command, section
 
 MODELS = {"joint": "antagonist_joint", "mass": "hanging_mass", "knee": "knee_jig"}
 """Word after ``klute-sim bench`` -> model."""
 
 
-@click.command("joint")
+@click.command("joint", cls=Command)
 @click.argument("test", metavar="[TEST]", default="steps")
 @click.argument("device_name", metavar="[DEVICE|FILE]", required=False, shell_complete=completion.complete_device)
+@section("Model")
 @click.option(
     "--device",
     "tendon_devices",
@@ -24,8 +26,14 @@ MODELS = {"joint": "antagonist_joint", "mass": "hanging_mass", "knee": "knee_jig
 @click.option(
     "--model", "model_path", type=common.NonEmptyPath(), metavar="FILE", help="MJCF file of your own, with one joint."
 )
-@click.option("--list", "as_list", is_flag=True, help="List the tests.")
-@click.option("--numbers", "as_numbers", is_flag=True, help="List the numbers of the model that --set changes.")
+@click.option(
+    "--set",
+    "changes",
+    multiple=True,
+    metavar="NUMBER=VALUE",
+    help="Change a number of the model, in its unit in MJCF; may be repeated.",
+)
+@section("Conditions")
 @common.pressure_options()
 @click.option(
     "--load",
@@ -35,13 +43,6 @@ MODELS = {"joint": "antagonist_joint", "mass": "hanging_mass", "knee": "knee_jig
     help="Load of co-contraction and quick-release [N m; N on a slide].  [default: -2 N m, or -50 N]",
 )
 @click.option(
-    "--set",
-    "changes",
-    multiple=True,
-    metavar="NUMBER=VALUE",
-    help="Change a number of the model, in its unit in MJCF; may be repeated.",
-)
-@click.option(
     "--response",
     type=common.NonEmptyPath(),
     default=None,
@@ -49,7 +50,11 @@ MODELS = {"joint": "antagonist_joint", "mass": "hanging_mass", "knee": "knee_jig
     help="With sines: measured frequency response (CSV with frequency [Hz], gain [1] and phase [deg]) to compare with; "
     "the sines get its frequencies.",
 )
+@section("Simulation")
 @common.TIME_STEP_OPTION
+@section("Output")
+@click.option("--list", "as_list", is_flag=True, help="List the tests.")
+@click.option("--numbers", "as_numbers", is_flag=True, help="List the numbers of the model that --set changes.")
 @common.out_option("joint", "the run")
 @common.json_option()
 @click.pass_context

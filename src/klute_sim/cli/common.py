@@ -8,6 +8,7 @@ import click
 from click.core import ParameterSource
 
 from klute_sim.cli import completion
+from klute_sim.cli.option_sections import section
 from klute_sim.errors import InputError
 
 
@@ -160,15 +161,16 @@ def slope_option(
 
 
 def subject_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of a subject and of the foot; the command receives them under the keywords of the public API."""
+    """Add the options of a subject, its speed and the slope, under the keywords of the public API."""
     options = (
-        FOOT_OPTION,
+        section("Subject"),
         REFERENCE_OPTION,
         STRIDE_TIME_OPTION,
         ACCEPT_OPTION,
         mass_option(),
         STATURE_OPTION,
         REJECT_HEIGHT_OPTION,
+        section("Conditions"),
         SPEED_OPTION,
         slope_option(),
     )

@@ -7,10 +7,12 @@ from typing import Any
 import click
 
 from klute_sim.cli import common
+from klute_sim.cli.option_sections import Command, section
 
 
-@click.command("compare")
+@click.command("compare", cls=Command)
 @click.argument("runs", metavar="[LABEL=]RUN...", nargs=-1, required=True)
+@section("Comparison")
 @click.option(
     "--over",
     "domain",
@@ -47,6 +49,7 @@ from klute_sim.cli import common
     help="Number of strides to skip at the start of each recording.  [default: 1 for simulated gait, 0 for measured "
     "gait]",
 )
+@section("Output")
 @common.out_option("compare", "the results")
 @click.option("--no-report", is_flag=True, help="Write only the numbers, without page, figures and rerun recording.")
 @common.json_option()

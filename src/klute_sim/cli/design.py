@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from klute_sim.cli import common
+from klute_sim.cli.option_sections import Command, section
 from klute_sim.laws.hill_tables import HILL_CURVES
 
 SI_OPTIONS = {
@@ -33,15 +34,18 @@ def _number_option(name: str, metavar: str, help_text: str) -> Callable[[Callabl
     )
 
 
-@click.command("design")
+@click.command("design", cls=Command)
+@section("Subject")
 @common.mass_option("the value in the folder of --reference")
 @common.REFERENCE_OPTION
 @common.STRIDE_TIME_OPTION
 @common.ACCEPT_OPTION
 @common.STATURE_OPTION
 @common.REJECT_HEIGHT_OPTION
+@section("Conditions")
 @common.SPEED_OPTION
 @common.slope_option()
+@section("Muscle")
 @click.option(
     "--muscle", default=None, metavar="NAME", help=f"Muscle of Table 2.4 to emulate: {', '.join(HILL_CURVES)}."
 )
@@ -51,7 +55,7 @@ def _number_option(name: str, metavar: str, help_text: str) -> Callable[[Callabl
 @_number_option("--a", "RATIO", "Ratio a/F0 of Hill's equation (2.4) [1].  [default: 0.28]")
 @_number_option("--b", "RATIO", "Ratio b/Vmax of Hill's equation (2.4) [1].  [default: 0.28]")
 @_number_option("--saturation", "RATIO", "Ratio of saturated eccentric force to F0 [1].  [default: 1.3]")
-@_number_option("--pressure", "BAR", "Supply gauge pressure [bar].  [default: 5]")
+@section("Actuator")
 @click.option(
     "--actuator",
     default=None,
@@ -60,6 +64,8 @@ def _number_option(name: str, metavar: str, help_text: str) -> Callable[[Callabl
 )
 @click.option("--count", type=int, default=None, metavar="N", help="Number of parallel actuators.  [default: by rule]")
 @_number_option("--resting-length", "MM", "Resting length L0 of the actuators [mm].  [default: by rule]")
+@_number_option("--pressure", "BAR", "Supply gauge pressure [bar].  [default: 5]")
+@section("Damper and tendon")
 @_number_option("--bore", "MM", "Bore of the damper [mm].  [default: by equation (4.2)]")
 @_number_option(
     "--cylinder-pressure",
@@ -82,6 +88,7 @@ def _number_option(name: str, metavar: str, help_text: str) -> Callable[[Callabl
     "%",
     "Stretch of the tendon at the design force, as a fraction of tendon plus muscle length [%].  [default: 4, assumed]",
 )
+@section("Output")
 @click.option("--name", default="klute-design", show_default=True, metavar="NAME", help="Name of the new device.")
 @common.out_option("design", "the design")
 @common.json_option("the tables")

@@ -10,6 +10,7 @@ import click
 
 from klute_sim.cli import common, completion
 from klute_sim.cli.common import NonEmptyPath
+from klute_sim.cli.option_sections import Command, section
 
 if TYPE_CHECKING:
     from klute_sim.diagnosis.transfer import TransferPrediction
@@ -19,8 +20,9 @@ if TYPE_CHECKING:
 PREDICTIONS_FILE_NAME = "predictions.json"
 
 
-@click.command("diagnose")
+@click.command("diagnose", cls=Command)
 @click.argument("folder", metavar="FOLDER", type=NonEmptyPath())
+@section("Input")
 @click.option("--example", is_flag=True, help="Write the example dataset into FOLDER (new or empty), then diagnose it.")
 @click.option(
     "--draft",
@@ -28,6 +30,16 @@ PREDICTIONS_FILE_NAME = "predictions.json"
     help="Write a draft of dataset.toml for the bench recordings in FOLDER, and stop. With --device; by default the "
     "device file in FOLDER.",
 )
+@common.ACCEPT_OPTION
+@click.option(
+    "--predict",
+    "predicted_folders",
+    multiple=True,
+    metavar="FOLDER",
+    type=NonEmptyPath(),
+    help="Another dataset that the device found is to predict, without any fit to it; may be repeated.",
+)
+@section("Model")
 @click.option(
     "--device",
     "device_name",
@@ -36,6 +48,8 @@ PREDICTIONS_FILE_NAME = "predictions.json"
     metavar="NAME|FILE",
     help="Device: name of a preset, or a device file.  [default: the device of the dataset]",
 )
+@common.CATALOGUE_OPTION
+@section("Fit")
 @click.option(
     "--only",
     multiple=True,
@@ -59,19 +73,10 @@ PREDICTIONS_FILE_NAME = "predictions.json"
     "that of the dataset, or none]",
 )
 @click.option(
-    "--predict",
-    "predicted_folders",
-    multiple=True,
-    metavar="FOLDER",
-    type=NonEmptyPath(),
-    help="Another dataset that the device found is to predict, without any fit to it; may be repeated.",
-)
-@common.ACCEPT_OPTION
-@common.CATALOGUE_OPTION
-@common.jobs_option("Number of threads; 0: one per core.  [default: 0]")
-@click.option(
     "--seed", type=click.IntRange(0), default=0, metavar="N", help="Random seed for multi-start fits.  [default: 0]"
 )
+@common.jobs_option("Number of threads; 0: one per core.  [default: 0]")
+@section("Output")
 @common.out_option("diagnose", "the results")
 @click.option(
     "--no-report", is_flag=True, help="Write only verdict.json and device.toml, without page, figures and recording."

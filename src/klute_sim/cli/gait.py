@@ -7,6 +7,7 @@ import click
 from click.core import ParameterSource
 
 from klute_sim.cli import common, recorded_run
+from klute_sim.cli.option_sections import Command, section
 
 
 class AngleOrAuto(click.ParamType[float | None]):
@@ -21,7 +22,8 @@ class AngleOrAuto(click.ParamType[float | None]):
         return float(common.NumberWithUnit("degrees").convert(value, param, ctx))
 
 
-@click.command("gait")
+@click.command("gait", cls=Command)
+@section("Model")
 @common.DEVICE_OPTION
 @click.option(
     "--controller",
@@ -33,7 +35,7 @@ class AngleOrAuto(click.ParamType[float | None]):
     "machine (.toml) or a trained policy (.npz).  [default: profile, or off with --spring-foot]",
 )
 @common.SPRING_FOOT_OPTION
-@common.subject_options
+@common.FOOT_OPTION
 @click.option(
     "--align",
     "alignment",
@@ -44,6 +46,8 @@ class AngleOrAuto(click.ParamType[float | None]):
     help="Angle by which the prosthesis is turned against the limb [deg], dorsiflexion positive. auto: that of the "
     "device file; without one, the hanging foot meets the ground as that of the reference does.",
 )
+@common.subject_options
+@section("Simulation")
 @click.option(
     "--learning-strides",
     type=click.IntRange(0, 100),
@@ -63,6 +67,7 @@ class AngleOrAuto(click.ParamType[float | None]):
 @common.strides_option("Number of strides")
 @common.TIME_STEP_OPTION
 @recorded_run.backend_option("the device model")
+@section("Output")
 @common.out_option("gait", "the run")
 @recorded_run.CSV_OPTION
 @click.option("--per-stride", is_flag=True, help="Also print the last five strides beside each other.")

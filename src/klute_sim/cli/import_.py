@@ -9,13 +9,15 @@ import click
 
 from klute_sim.cli import common, completion
 from klute_sim.cli.common import NonEmptyPath
+from klute_sim.cli.option_sections import Command, section
 
 MIN_CADENCE, MAX_CADENCE = 48.0, 200.0
 """Allowed cadences [steps/min]: those of the allowed stride times."""
 
 
-@click.command("import")
+@click.command("import", cls=Command)
 @click.argument("files", nargs=-1, required=True, metavar="FILES...", type=NonEmptyPath())
+@section("Subject")
 @click.option(
     "--mass",
     type=common.NumberWithUnit("kg"),
@@ -37,6 +39,7 @@ MIN_CADENCE, MAX_CADENCE = 48.0, 200.0
     default=None,
     help="Leg to import; with --dataset: side of the prosthesis.  [default: the leg with more strides]",
 )
+@section("Input")
 @click.option(
     "--map",
     "map_file",
@@ -46,6 +49,22 @@ MIN_CADENCE, MAX_CADENCE = 48.0, 200.0
     help="TOML file with the columns, units, signs, zeros, markers and axes that cannot be detected from the names in "
     "the files (docs/import.md).",
 )
+@click.option(
+    "--stride-duration",
+    type=common.NumberWithUnit("s"),
+    default=None,
+    metavar="S",
+    help="Duration [s] of the stride in a table over the gait cycle [%], which has no time.",
+)
+@click.option(
+    "--cadence",
+    type=common.NumberWithUnit("steps/min"),
+    default=None,
+    metavar="STEPS/MIN",
+    help="Cadence in place of --stride-duration; a stride has two steps.",
+)
+@common.ACCEPT_OPTION
+@section("Processing")
 @click.option(
     "--cutoff",
     type=common.NumberWithUnit("Hz"),
@@ -76,24 +95,11 @@ MIN_CADENCE, MAX_CADENCE = 48.0, 200.0
     "--dataset: file]",
 )
 @click.option(
-    "--stride-duration",
-    type=common.NumberWithUnit("s"),
-    default=None,
-    metavar="S",
-    help="Duration [s] of the stride in a table over the gait cycle [%], which has no time.",
-)
-@click.option(
-    "--cadence",
-    type=common.NumberWithUnit("steps/min"),
-    default=None,
-    metavar="STEPS/MIN",
-    help="Cadence in place of --stride-duration; a stride has two steps.",
-)
-@click.option(
     "--ignore-events",
     is_flag=True,
     help="Cut strides at the foot strikes of the load, not at those that a C3D file lists.",
 )
+@section("Dataset")
 @click.option(
     "--dataset",
     "as_dataset",
@@ -121,7 +127,7 @@ MIN_CADENCE, MAX_CADENCE = 48.0, 200.0
     help="With --dataset: number of consecutive trials that are repeats.  [default: trials with equal stride times and "
     "pressures]",
 )
-@common.ACCEPT_OPTION
+@section("Output")
 @common.out_option("import", "the reference or the dataset")
 @click.option("--verbose", is_flag=True, help="Print all decisions for each file; import.json always contains them.")
 @common.json_option()

@@ -7,19 +7,19 @@ import click
 
 from klute_sim.cli import common, completion
 from klute_sim.cli.common import NonEmptyPath
+from klute_sim.cli.option_sections import Command, section
 
 
-@click.command("plan")
+@click.command("plan", cls=Command)
 @click.argument("device_name", metavar="DEVICE", shell_complete=completion.complete_device)
-@click.option("--out", type=NonEmptyPath(), required=True, metavar="FOLDER", help="New or empty folder for the plan.")
+@section("Model")
 @click.option(
-    "--repeats",
-    type=int,
-    default=2,
-    show_default=True,
-    metavar="N",
-    help="Number of recordings of each protocol (2 to 26); the repeats measure the noise.",
+    "--model",
+    metavar="NAME|FILE",
+    help="Plan tests of a joint or a free load instead: a model of the package, or an MJCF file with one joint. --only "
+    "names its tests then (steps, sines, multisine, co-contraction, quick-release).",
 )
+@section("Conditions")
 @click.option(
     "--only",
     shell_complete=completion.complete_identification_protocol,
@@ -28,10 +28,12 @@ from klute_sim.cli.common import NonEmptyPath
     help="Protocol to plan (steps, ramps, sines, release, hold, slack, mixed); may be repeated.  [default: all]",
 )
 @click.option(
-    "--model",
-    metavar="NAME|FILE",
-    help="Plan tests of a joint or a free load instead: a model of the package, or an MJCF file with one joint. --only "
-    "names its tests then (steps, sines, multisine, co-contraction, quick-release).",
+    "--repeats",
+    type=int,
+    default=2,
+    show_default=True,
+    metavar="N",
+    help="Number of recordings of each protocol (2 to 26); the repeats measure the noise.",
 )
 @common.pressure_options("With --model: ")
 @click.option(
@@ -41,11 +43,13 @@ from klute_sim.cli.common import NonEmptyPath
     metavar="VALUE",
     help="With --model: load of co-contraction and quick-release [N m; N on a slide].  [default: none, without them]",
 )
+@section("Output")
 @click.option(
     "--simulate",
     is_flag=True,
     help="Also write simulated recordings with noise, to test the diagnosis. They are not measurements.",
 )
+@click.option("--out", type=NonEmptyPath(), required=True, metavar="FOLDER", help="New or empty folder for the plan.")
 @common.json_option()
 @click.pass_context
 def command(

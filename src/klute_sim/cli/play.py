@@ -6,11 +6,14 @@ import click
 
 from klute_sim.cli import common, completion
 from klute_sim.cli.common import NonEmptyPath
+from klute_sim.cli.option_sections import Command, section
 
 
-@click.command("play")
+@click.command("play", cls=Command)
 @click.argument("scene", default="gait", metavar="[gait|bench|walk]", shell_complete=completion.complete_scene)
+@section("Model")
 @common.DEVICE_OPTION
+@section("Conditions")
 @click.option(
     "--pressure",
     "pressure_bar",
@@ -29,6 +32,7 @@ from klute_sim.cli.common import NonEmptyPath
     help="Walking speed on the gait rig [m/s].",
 )
 @common.slope_option("Ground slope of the gait rig [deg], uphill positive.")
+@section("Output")
 @click.option("--camera", default="side", show_default=True, help="Camera: side, corner or prosthesis_close.")
 @click.option(
     "--video",

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from klute_sim.cli import common, completion
+from klute_sim.cli.option_sections import Command, section
 
 REFERENCE_SPEED = "reference"
 """Keyword for the speed that reference and leg length imply."""
@@ -67,7 +68,8 @@ EXAMPLE_LISTS = {"machine": "push_off_bar=3.4,4.4", "gains": "proportional=2,4"}
 """Option -> an example of its values."""
 
 
-@click.command("sweep")
+@click.command("sweep", cls=Command)
+@section("Model")
 @common.RIG_OPTION
 @click.option(
     "--device",
@@ -93,15 +95,6 @@ EXAMPLE_LISTS = {"machine": "push_off_bar=3.4,4.4", "gains": "proportional=2,4"}
     help="With --rig walk: values of a number of the state machine, such as push_off_bar=3.4,4.4 (pressure) or "
     "lean_deg=10,14 (timing of push-off); may be repeated for every combination.",
 )
-@common.WALKERS_OPTION
-@click.option(
-    "--uneven",
-    callback=_parse_numbers,
-    multiple=True,
-    metavar="MM,...",
-    help="With --rig walk: largest heights of the blocks of 0.5 m on the ground [mm].  [default: 0]",
-)
-@common.PUSHES_OPTION
 @click.option(
     "--gain",
     "gains",
@@ -112,51 +105,23 @@ EXAMPLE_LISTS = {"machine": "push_off_bar=3.4,4.4", "gains": "proportional=2,4"}
     "derivative [s/rad] or mean (action, -1 to 1); may be repeated for every combination.",
 )
 @click.option(
-    "--load",
-    "loads",
+    "--spring-foot",
+    "spring_feet",
     callback=_parse_numbers,
     multiple=True,
-    metavar="KG,...",
-    help="With --rig joint: masses at the end of the lever [kg].  [default: that of the model, 1]",
+    metavar="STIFFNESS,...",
+    help="Stiffnesses [N·m/deg] of passive feet, simulated in addition to --device; without --device, only these feet "
+    "are simulated.  [default: no passive foot]",
 )
 @click.option(
-    "--episodes",
-    type=click.IntRange(1, 1000),
-    default=8,
-    metavar="N",
-    help="With --rig joint: episodes of each combination, each with another target.  [default: 8]",
-)
-@click.option(
-    "--seconds",
-    type=common.NumberWithUnit("s"),
-    default=None,
-    metavar="S",
-    help="With --rig walk or joint: duration of a walk or an episode [s].  [default: 20, or 5 with --rig joint]",
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=0,
-    metavar="N",
-    help="With --rig walk or joint: random seed of uneven ground, or of the first target.  [default: 0]",
-)
-@click.option(
-    "--speed",
-    "speeds",
-    callback=_parse_speeds,
+    "--foot",
+    "feet",
     multiple=True,
-    metavar="M/S,...",
-    help="Walking speeds [m/s]; 'reference' means the speed computed from reference and leg length.  [default: "
-    "reference]",
+    metavar="NAME",
+    help=f"{common.FOOT_HELP}; may be repeated.  [default: that of the device, or rigid]",
 )
-@click.option(
-    "--slope",
-    "slopes",
-    callback=_parse_numbers,
-    multiple=True,
-    metavar="DEG,...",
-    help="Ground slopes [deg], uphill positive; limb kinematics on slopes are assumed.  [default: 0]",
-)
+@common.WALKERS_OPTION
+@section("Subject")
 @click.option(
     "--reference",
     "references",
@@ -191,26 +156,67 @@ EXAMPLE_LISTS = {"machine": "push_off_bar=3.4,4.4", "gains": "proportional=2,4"}
     help="Statures [m].  [default: the value in the folder of --reference, or 1.75]",
 )
 @common.REJECT_HEIGHT_OPTION
+@section("Conditions")
 @click.option(
-    "--spring-foot",
-    "spring_feet",
+    "--speed",
+    "speeds",
+    callback=_parse_speeds,
+    multiple=True,
+    metavar="M/S,...",
+    help="Walking speeds [m/s]; 'reference' means the speed computed from reference and leg length.  [default: "
+    "reference]",
+)
+@click.option(
+    "--slope",
+    "slopes",
     callback=_parse_numbers,
     multiple=True,
-    metavar="STIFFNESS,...",
-    help="Stiffnesses [N·m/deg] of passive feet, simulated in addition to --device; without --device, only these feet "
-    "are simulated.  [default: no passive foot]",
+    metavar="DEG,...",
+    help="Ground slopes [deg], uphill positive; limb kinematics on slopes are assumed.  [default: 0]",
 )
 @click.option(
-    "--foot",
-    "feet",
+    "--uneven",
+    callback=_parse_numbers,
     multiple=True,
-    metavar="NAME",
-    help=f"{common.FOOT_HELP}; may be repeated.  [default: that of the device, or rigid]",
+    metavar="MM,...",
+    help="With --rig walk: largest heights of the blocks of 0.5 m on the ground [mm].  [default: 0]",
 )
+@common.PUSHES_OPTION
+@click.option(
+    "--load",
+    "loads",
+    callback=_parse_numbers,
+    multiple=True,
+    metavar="KG,...",
+    help="With --rig joint: masses at the end of the lever [kg].  [default: that of the model, 1]",
+)
+@section("Simulation")
 @common.strides_option("Number of strides per case")
+@click.option(
+    "--seconds",
+    type=common.NumberWithUnit("s"),
+    default=None,
+    metavar="S",
+    help="With --rig walk or joint: duration of a walk or an episode [s].  [default: 20, or 5 with --rig joint]",
+)
+@click.option(
+    "--episodes",
+    type=click.IntRange(1, 1000),
+    default=8,
+    metavar="N",
+    help="With --rig joint: episodes of each combination, each with another target.  [default: 8]",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    metavar="N",
+    help="With --rig walk or joint: random seed of uneven ground, or of the first target.  [default: 0]",
+)
 @common.TIME_STEP_OPTION
 @common.jobs_option(default=None)
 @common.ray_option()
+@section("Output")
 @common.resumable_out_option("sweep", "the sweep")
 @click.option("--csv", "with_csv", is_flag=True, help="Also write sweep.csv.")
 @common.json_option()

@@ -7,9 +7,11 @@ from typing import Any
 import click
 
 from klute_sim.cli import common
+from klute_sim.cli.option_sections import Command, section
 
 
-@click.command("train")
+@click.command("train", cls=Command)
+@section("Model")
 @click.option(
     "--env",
     type=click.Choice(["gait", "walk", "joint"]),
@@ -17,6 +19,18 @@ from klute_sim.cli import common
     help="Gait rig, a person who walks by muscles and reflexes, or a joint with two muscles.  [default: gait, or as "
     "the configuration says]",
 )
+@common.FOOT_OPTION
+@section("Subject")
+@common.REFERENCE_OPTION
+@common.STRIDE_TIME_OPTION
+@common.ACCEPT_OPTION
+@common.mass_option()
+@common.STATURE_OPTION
+@common.REJECT_HEIGHT_OPTION
+@section("Conditions")
+@common.SPEED_OPTION
+@common.slope_option("Nominal ground slope [deg], uphill positive.  [default: 0]", default=None)
+@section("Training")
 @click.option(
     "--minutes",
     type=click.FloatRange(min=0.0, min_open=True),
@@ -40,15 +54,7 @@ from klute_sim.cli import common
     metavar="FILE",
     help="TOML file: algorithm, environment, domain randomisation.  [default: the configuration of --show-config]",
 )
-@common.FOOT_OPTION
-@common.REFERENCE_OPTION
-@common.STRIDE_TIME_OPTION
-@common.ACCEPT_OPTION
-@common.mass_option()
-@common.STATURE_OPTION
-@common.REJECT_HEIGHT_OPTION
-@common.SPEED_OPTION
-@common.slope_option("Nominal ground slope [deg], uphill positive.  [default: 0]", default=None)
+@section("Output")
 @click.option(
     "--out",
     type=common.NonEmptyPath(),

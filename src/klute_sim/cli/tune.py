@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from klute_sim.cli import common
+from klute_sim.cli.option_sections import Command, section
 
 GAIT, WALK, JOINT = ("gait",), ("walk",), ("joint",)
 GAIT_NAMES = ("profile_path", "goal_human", "reference", "stride_time", "accept", "mass", "stature", "slope")
@@ -26,9 +27,62 @@ WALK_SECONDS, EPISODE_SECONDS = 10.0, 5.0
 """Default duration of a predicted walk and of an episode of the joint [s]."""
 
 
-@click.command("tune")
+@click.command("tune", cls=Command)
+@section("Model")
 @common.RIG_OPTION
 @common.DEVICE_OPTION
+@common.FOOT_OPTION
+@common.WALKERS_OPTION
+@common.subject_options
+@click.option(
+    "--uneven",
+    type=common.NumberWithUnit("mm"),
+    default=0.0,
+    metavar="MM",
+    help="With --rig walk: largest height of the blocks of 0.5 m on the ground [mm].  [default: 0]",
+)
+@common.PUSHES_OPTION
+@click.option(
+    "--load",
+    type=common.NumberWithUnit("kg"),
+    default=None,
+    metavar="KG",
+    help="With --rig joint: mass at the end of the lever [kg].  [default: that of the model, 1]",
+)
+@section("Simulation")
+@click.option(
+    "--seconds",
+    type=common.NumberWithUnit("s"),
+    default=None,
+    metavar="S",
+    help="With --rig walk or joint: duration of a walk or an episode [s]; the best points walk twice as long at the "
+    "end.  [default: 10, or 5 with --rig joint]",
+)
+@click.option(
+    "--episodes",
+    type=click.IntRange(1, 1000),
+    default=8,
+    metavar="N",
+    help="With --rig joint: episodes of an evaluation; the best points have twice as many at the end.  [default: 8]",
+)
+@section("Objective")
+@click.option(
+    "--goal-human",
+    is_flag=True,
+    help="Penalize a gait that misses the goals of the human ankle: rms moment distance of at most 0.39 sd, peak "
+    "power of at least 3.31 W/kg, net work of at least 0.218 J/kg, peak plantarflexion of at least 15 deg; with "
+    "--reference, the last three in proportion to the ankle of the reference.",
+)
+@click.option(
+    "--weight",
+    "weights",
+    multiple=True,
+    metavar="TERM=W",
+    help="Weight of the TERM moment, angle, power [1/sd²] or air [1/g], or with --rig walk effort [kg·m/J], speed "
+    "[s/m] or symmetry [1], or with --rig joint angle [1/deg] or smoothness [1]; may be repeated.  [default: moment=1, "
+    "angle=1, power=1, air=0.1; effort=1, speed=10, symmetry=10; angle=1, smoothness=10]",
+)
+@section("Search")
 @click.option(
     "--profile",
     "profile_path",
@@ -53,20 +107,6 @@ WALK_SECONDS, EPISODE_SECONDS = 10.0, 5.0
     "derivative [s/rad] or mean (action, -1 to 1); may be repeated.  [default: the gains of the package]",
 )
 @click.option(
-    "--load",
-    type=common.NumberWithUnit("kg"),
-    default=None,
-    metavar="KG",
-    help="With --rig joint: mass at the end of the lever [kg].  [default: that of the model, 1]",
-)
-@click.option(
-    "--episodes",
-    type=click.IntRange(1, 1000),
-    default=8,
-    metavar="N",
-    help="With --rig joint: episodes of an evaluation; the best points have twice as many at the end.  [default: 8]",
-)
-@click.option(
     "--only",
     "controller_keys",
     multiple=True,
@@ -74,23 +114,6 @@ WALK_SECONDS, EPISODE_SECONDS = 10.0, 5.0
     help="Number to tune: with --rig walk of the state machine, such as push_off_bar; with --rig joint a gain; may be "
     "repeated.  [default: all pressures, and lean_deg; all gains]",
 )
-@common.WALKERS_OPTION
-@click.option(
-    "--seconds",
-    type=common.NumberWithUnit("s"),
-    default=None,
-    metavar="S",
-    help="With --rig walk or joint: duration of a walk or an episode [s]; the best points walk twice as long at the "
-    "end.  [default: 10, or 5 with --rig joint]",
-)
-@click.option(
-    "--uneven",
-    type=common.NumberWithUnit("mm"),
-    default=0.0,
-    metavar="MM",
-    help="With --rig walk: largest height of the blocks of 0.5 m on the ground [mm].  [default: 0]",
-)
-@common.PUSHES_OPTION
 @click.option("--with-device", is_flag=True, help="Also tune orifices, springs, resting length and mounting.")
 @click.option(
     "--also",
@@ -99,23 +122,6 @@ WALK_SECONDS, EPISODE_SECONDS = 10.0, 5.0
     metavar="KEY",
     help="Number of the device to tune in addition, such as damper.bore_mm; may be repeated.",
 )
-@click.option(
-    "--goal-human",
-    is_flag=True,
-    help="Penalize a gait that misses the goals of the human ankle: rms moment distance of at most 0.39 sd, peak "
-    "power of at least 3.31 W/kg, net work of at least 0.218 J/kg, peak plantarflexion of at least 15 deg; with "
-    "--reference, the last three in proportion to the ankle of the reference.",
-)
-@click.option(
-    "--weight",
-    "weights",
-    multiple=True,
-    metavar="TERM=W",
-    help="Weight of the TERM moment, angle, power [1/sd²] or air [1/g], or with --rig walk effort [kg·m/J], speed "
-    "[s/m] or symmetry [1], or with --rig joint angle [1/deg] or smoothness [1]; may be repeated.  [default: moment=1, "
-    "angle=1, power=1, air=0.1; effort=1, speed=10, symmetry=10; angle=1, smoothness=10]",
-)
-@common.subject_options
 @click.option(
     "--budget",
     type=click.IntRange(1, 1_000_000),
@@ -133,6 +139,7 @@ WALK_SECONDS, EPISODE_SECONDS = 10.0, 5.0
     help="Random seed of the search.",
 )
 @common.jobs_option()
+@section("Output")
 @common.resumable_out_option("tune", "the search")
 @common.json_option()
 @click.pass_context

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from klute_sim.cli import common, completion, recorded_run
+from klute_sim.cli.option_sections import Command, Group, section
 
 
 def _device_option(what: str) -> common.Decorator:
@@ -56,7 +57,8 @@ def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-@click.group("walk", invoke_without_command=True)
+@click.group("walk", cls=Group, invoke_without_command=True)
+@section("Model")
 @condition_options
 @click.option(
     "--walker",
@@ -65,7 +67,7 @@ def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
     help="Walker: name of a shipped one (klute-sim walk list), or the file of one.  [default: one that has adapted to "
     "this prosthesis and controller, or to the nearest]",
 )
-@_seconds_option("Duration [s]; a fall ends the walk earlier.")
+@section("Conditions")
 @click.option(
     "--push",
     type=common.PushType(),
@@ -83,6 +85,8 @@ def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
     help="Largest height of the blocks of 0.5 m that lie on the ground [mm].",
 )
 @common.slope_option("Ground slope [deg], uphill positive.")
+@section("Simulation")
+@_seconds_option("Duration [s]; a fall ends the walk earlier.")
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Random seed of uneven ground."
 )
@@ -96,6 +100,7 @@ def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
     help="Time step [ms].",
 )
 @recorded_run.backend_option("walker and device")
+@section("Output")
 @common.out_option("walk", "the walk")
 @recorded_run.CSV_OPTION
 @common.json_option()
@@ -144,7 +149,7 @@ def command(
     )
 
 
-@command.command("list")
+@command.command("list", short_help="List the shipped walkers.")
 def list_command() -> None:
     """List the shipped walkers: condition, seed, cost and evaluations of their search."""
     from klute_sim.api.walk import build_walker_table
@@ -193,8 +198,10 @@ def compare_command(a: str, b: str, as_json: bool, **comparison: Any) -> None:
     _print_result(result, as_json)
 
 
-@command.command("adapt")
+@command.command("adapt", cls=Command, short_help="Adapt the reflexes of a walker to a prosthesis and a controller.")
+@section("Model")
 @condition_options
+@section("Search")
 @click.option(
     "--start",
     default=None,
@@ -235,6 +242,7 @@ def compare_command(a: str, b: str, as_json: bool, **comparison: Any) -> None:
 )
 @common.jobs_option("Number of threads; 0: one per core.  [default: 0]", default=None)
 @common.ray_option()
+@section("Output")
 @common.resumable_out_option("adapt", "the search")
 @common.json_option()
 def adapt_command(jobs: int | None, out: Path | None, as_json: bool, **adaptation: Any) -> None:
