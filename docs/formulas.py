@@ -12,9 +12,23 @@ from matplotlib.textpath import TextPath, text_to_path
 
 UNITS_PER_EM = 100.0
 """Size of the font in the coordinates of the SVG."""
+FONT = FontProperties(family="serif", size=UNITS_PER_EM, math_fontfamily="stix")
 COMMANDS = {Path.MOVETO: "M", Path.LINETO: "L", Path.CURVE3: "Q", Path.CURVE4: "C"}
 """Code of a path -> command of SVG."""
 VERTICES_PER_COMMAND = {"M": 1, "L": 1, "Q": 2, "C": 3}
+
+
+def _format_mathtext(source: str) -> str:
+    return f"${' '.join(source.split())}$"
+
+
+def measure_formula(source: str) -> tuple[float, float, float]:
+    """Return width, height and depth below the line of the formula ``source`` in the coordinates of the SVG.
+
+    Raises ValueError for a formula that mathtext cannot read.
+    """
+    width, height, depth, *_ = text_to_path.mathtext_parser.parse(_format_mathtext(source), text_to_path.DPI, FONT)
+    return width, height, depth
 
 
 def render_formula(source: str, *, is_block: bool = False) -> str:
@@ -22,10 +36,8 @@ def render_formula(source: str, *, is_block: bool = False) -> str:
 
     Raises ValueError for a formula that mathtext cannot read.
     """
-    font = FontProperties(family="serif", size=UNITS_PER_EM, math_fontfamily="stix")
-    text = f"${' '.join(source.split())}$"
-    width, height, depth, *_ = text_to_path.mathtext_parser.parse(text, text_to_path.DPI, font)
-    path = TextPath((0.0, 0.0), text, prop=font)
+    width, height, depth = measure_formula(source)
+    path = TextPath((0.0, 0.0), _format_mathtext(source), prop=FONT)
     ems = {name: f"{value / UNITS_PER_EM:.3f}em" for name, value in (("w", width), ("h", height), ("d", depth))}
     place = "" if is_block else f"; vertical-align: -{ems['d']}"
     return (

@@ -48,7 +48,8 @@ def test_every_formula_of_the_pages_can_be_set(formulas: ModuleType) -> None:
     }
     assert len(sources) >= 100
     for source in sorted(sources):
-        assert formulas.render_formula(source).endswith("</svg>")
+        width, height, _ = formulas.measure_formula(source)
+        assert width > 0.0 < height
 
 
 def test_a_formula_with_a_mistake_is_an_error(formulas: ModuleType) -> None:
