@@ -23,8 +23,10 @@ BLUE, ORANGE = (58, 141, 214), (255, 150, 40)
 DARK_ORANGE, PALE_ORANGE = (150, 90, 30), (255, 215, 170)
 GREEN, PALE_GREEN, RED = (44, 160, 44), (190, 240, 190), (224, 59, 60)
 VIOLET, BROWN, CYAN = (158, 113, 209), (170, 106, 90), (23, 190, 207)
-COMMAND_COLOUR = (205, 150, 250)
+COMMAND_COLOUR = (245, 245, 245)
 """Colour of the thin line of a command, visible on that of the delivered value."""
+LINE_WIDTH, THIN_LINE_WIDTH = 4.0, 1.5
+"""Widths of a line, and of a thin one on top of it with which it is compared [points]; both stay visible."""
 PALETTE: tuple[Colour, ...] = (
     *(BLUE, ORANGE, GREEN, RED, VIOLET, BROWN, CYAN),
     *((227, 119, 194), (188, 189, 34), (127, 127, 127)),

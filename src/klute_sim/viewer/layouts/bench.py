@@ -108,8 +108,7 @@ def build_lines(trial: RecordedBenchTrial, number: int) -> list[SeriesLine]:
         for entity, name, colour in series:
             channel = entity.removeprefix("channels/")
             value = energies[entity] if entity in energies else trial.recording[channel]
-            width = 1.0 if colour in gait.THIN_LINE_COLOURS else 2.0
-            lines.append(SeriesLine(f"trial_{number:03d}/{entity}", name, colour, width, value))
+            lines.append(SeriesLine(f"trial_{number:03d}/{entity}", name, colour, gait.get_line_width(colour), value))
     return lines
 
 

@@ -54,6 +54,11 @@ The viewer draws in the order of the entities' names, which puts these lines on 
 """
 
 
+def get_line_width(colour: Colour) -> float:
+    """Return the width of a line of that ``colour`` [points]."""
+    return stream.THIN_LINE_WIDTH if colour in THIN_LINE_COLOURS else stream.LINE_WIDTH
+
+
 def _build_human_comparison(channel: str) -> tuple[PlotSeries, ...]:
     return ((f"channels/reference_{channel}", "human", ORANGE), (f"channels/{channel}", "prosthesis", BLUE))
 
@@ -149,7 +154,7 @@ def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> 
         chart.log_chart(out, loop_chart)
         for entity, name, colour in plotted:
             if entity in series:
-                width = 1.0 if colour in THIN_LINE_COLOURS else 3.0
+                width = get_line_width(colour)
                 stream.log_line_style(out, SeriesLine(entity, name, colour, width, series[entity]))
         run_axis = rr.TimeColumn(TIMELINE, duration=recording["time"])
         for axis, rows in ((run_axis, slice(None)), (gait_cycle.build_axis(), samples)):

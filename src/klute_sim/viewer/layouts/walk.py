@@ -59,7 +59,8 @@ def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> 
         every = max(1, round(1.0 / (CHANNEL_RATE_HZ * float(recording["time"][1]))))
         axis = rr.TimeColumn(TIMELINE, duration=recording["time"][::every])
         lines = [line for plot in build_plots(recording).values() for line in plot]
-        widths = {"pressure_command": 1.0}  # it lies on the line of the delivered pressure
+        # The command lies on the line of the delivered pressure.
+        widths = {"pressure_command": stream.THIN_LINE_WIDTH, "pressure": stream.LINE_WIDTH}
         stream.send_lines(
             out,
             axis,
