@@ -1,5 +1,6 @@
 """Prediction of muscles of another diameter and length by what was found on one: known truth, and honest reports."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from klute_sim.report.diagnosis.prediction import (
     build_prediction_figure,
     build_prediction_table,
 )
+from tests.command_line import run
 from tests.datasets.test_muscle_diameter import TEN_MM, scale
 
 INTERVAL = 0.01
@@ -143,3 +145,24 @@ def test_warnings_state_a_difference_that_can_be_read(refitted: float, with_effe
     warnings = TransferPrediction("other", channels, "with-effects").warnings
     assert len(warnings) == (match is not None)
     assert match is None or re.search(match, warnings[0])
+
+
+@pytest.mark.slow
+def test_page_of_the_command_shows_the_predictions(true_device: Device, tmp_path: Path) -> None:
+    write_muscles(tmp_path / "found", true_device, (0.2,), '[uncertain]\n"muscle.turns_per_m" = "5 %"')
+    write_muscles(tmp_path / "longer", true_device, (0.3,), "", seed=1)
+    done = run(*("diagnose", "found", "--only", "passive_tension", "--predict", "longer", "--out", "run"), cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Prediction of 'longer'" in done.stdout
+    (row,) = json.loads((tmp_path / "run" / "predictions.json").read_text("utf-8"))
+    force = row["channels"]["force"]
+    html = (tmp_path / "run" / "index.html").read_text("utf-8")
+    section = html.split('id="other-dataset-1-1"')[1].split('id="gap"')[0]
+    assert "Prediction of &#39;longer&#39; (rms), recommended: with-effects" in section
+    assert f"({force['with_effects_pct_of_range']:.1f} %)" in section
+    assert "Carried over to &#39;longer&#39;" in section
+    assert "passive_tension.rise_n" in section
+    assert '<img src="data:image/png;base64,' in section
+    for name in ("predictions.json", "prediction-1.png"):
+        assert f'href="{name}"' in html
+        assert (tmp_path / "run" / name).is_file()

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from klute_sim.bench.protocols.identification import IdentificationProtocol, Program
 
 RECORDING_FILE_NAME = "recording.rrd"
+PREDICTIONS_FILE_NAME = "predictions.json"
 
 
 @dataclass(frozen=True)
@@ -139,17 +140,24 @@ class DiagnosisResult(Printable):
 
         return build_gap_figure(self.diagnosis)
 
-    def save(self, folder: str | Path | None = None, *, report: bool = True) -> Path:
+    def save(
+        self,
+        folder: str | Path | None = None,
+        predictions: Sequence[TransferPrediction] = (),
+        *,
+        report: bool = True,
+    ) -> Path:
         """Write the files of ``klute-sim diagnose`` into ``folder``; return the folder.
 
-        ``folder`` is new or empty; by default it is the next ``runs/diagnose-NNN``. Without ``report``, only
-        verdict.json and device.toml are written.
+        ``folder`` is new or empty; by default it is the next ``runs/diagnose-NNN``. ``predictions`` are results of
+        :meth:`predict`, which the page shows as well. Without ``report``, only verdict.json, predictions.json and
+        device.toml are written.
         """
         with create_run_folder("diagnose", folder) as (final_folder, scratch):
-            self.write_files(scratch, report=report)
+            self.write_files(scratch, predictions, report=report)
         return final_folder
 
-    def write_files(self, folder: Path, *, report: bool = True) -> None:
+    def write_files(self, folder: Path, predictions: Sequence[TransferPrediction] = (), *, report: bool = True) -> None:
         """Write all files into the existing ``folder``; see :meth:`save`."""
         diagnosis = self.diagnosis
         if diagnosis.fitted_device is not None:
@@ -157,17 +165,22 @@ class DiagnosisResult(Printable):
         for name, content in build_mechanism_files(diagnosis).items():
             (folder / name).write_bytes(content)
         (folder / "verdict.json").write_text(json.dumps(self.to_dict(), indent=2) + "\n", "utf-8")
+        if predictions:
+            rows = [prediction.to_dict() for prediction in predictions]
+            (folder / PREDICTIONS_FILE_NAME).write_text(json.dumps(rows, indent=2) + "\n", "utf-8")
         if not report:
             return
         from klute_sim.report.diagnosis.figures import save_figures
         from klute_sim.report.diagnosis.page import write_page
+        from klute_sim.report.diagnosis.prediction import save_prediction_figures
         from klute_sim.viewer.layouts.diagnosis import write_recording
 
         if diagnosis.final_fit is not None:
             save_figures(diagnosis, folder)
             with suppress(MissingExtraError):  # `klute-sim view` reports the missing extra
                 write_recording(diagnosis, folder / RECORDING_FILE_NAME)
-        write_page(diagnosis, folder)
+        save_prediction_figures(predictions, folder)
+        write_page(diagnosis, folder, predictions)
 
 
 def load_dataset(folder: str | Path, device: DeviceLike | None = None, *, accept: Collection[str] = ()) -> Dataset:

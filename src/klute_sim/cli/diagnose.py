@@ -13,11 +13,7 @@ from klute_sim.cli.common import NonEmptyPath
 from klute_sim.cli.option_sections import Command, section
 
 if TYPE_CHECKING:
-    from klute_sim.diagnosis.transfer import TransferPrediction
     from klute_sim.types import ProgressCallback
-
-
-PREDICTIONS_FILE_NAME = "predictions.json"
 
 
 @click.command("diagnose", cls=Command)
@@ -107,8 +103,8 @@ def command(
     data), insufficient-data. Numbers of the device that may be wrong compete with the effects. The exit code is 0 for
     every verdict; 2 means that the input was not valid.
 
-    Writes verdict.json, device.toml (the device with the identified effects), index.html, figures and, with the
-    optional extra 'rerun', a recording.
+    Writes verdict.json, device.toml (the device with the identified effects), index.html, figures, with --predict
+    predictions.json and, with the optional extra 'rerun', a recording.
 
     \b
     Examples:
@@ -156,12 +152,7 @@ def command(
             stderr_console().print("Finished fits are cached: the same command resumes the diagnosis.", soft_wrap=True)
             raise
         predictions = [result.predict(other) for other in predicted]
-        result.write_files(scratch, report=not no_report)
-        if predictions:
-            rows = [prediction.to_dict() for prediction in predictions]
-            (scratch / PREDICTIONS_FILE_NAME).write_text(json.dumps(rows, indent=2) + "\n", "utf-8")
-            if not no_report:
-                _save_prediction_figures(predictions, scratch)
+        result.write_files(scratch, predictions, report=not no_report)
     if as_json:
         content = result.to_dict()
         if predictions:
@@ -176,15 +167,6 @@ def command(
             console.print(warning, soft_wrap=True)
         console.print(build_numbers_table(prediction))
     console.print(f"Results: {run_folder}", soft_wrap=True)
-
-
-def _save_prediction_figures(predictions: "list[TransferPrediction]", folder: Path) -> None:
-    """Write ``prediction-1.png`` and so on into ``folder``, in the order of the options."""
-    from klute_sim.report.diagnosis.prediction import build_prediction_figure
-    from klute_sim.report.style import save_figure
-
-    for number, prediction in enumerate(predictions, 1):
-        save_figure(build_prediction_figure(prediction), folder / f"prediction-{number}.png")
 
 
 def _write_draft(folder: Path, device_name: str | None, *, is_alone: bool) -> None:

@@ -31,6 +31,7 @@ FILE_DESCRIPTIONS = {
     "items.json": "results",
     "learning_curve.csv": "learning curve",
     "model.xml": "model with the changed numbers, for MuJoCo",
+    "predictions.json": "predictions of other datasets",
     "policy.npz": "trained policy; that of a prosthesis for --controller",
     "profile.csv": "pressure profile, for --controller",
     "protocol.toml": "protocol of the test",

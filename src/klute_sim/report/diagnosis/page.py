@@ -14,13 +14,15 @@ from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import MAX_EFFECTS
 from klute_sim.diagnosis.selection.sparse_regression import format_formula
+from klute_sim.diagnosis.transfer import TransferPrediction
 from klute_sim.effects import catalogue
 from klute_sim.provenance import collect_versions
 from klute_sim.recording.atomic_file import write_atomically
 from klute_sim.report.diagnosis import figures
 from klute_sim.report.diagnosis import text as words
+from klute_sim.report.diagnosis.prediction import build_numbers_table, build_prediction_table, format_figure_name
 from klute_sim.report.html import render_template
-from klute_sim.report.run_page import PAGE_FILE, encode_picture, list_files
+from klute_sim.report.run_page import PAGE_FILE, convert_table, encode_picture, list_files
 
 AT_BOUND_NOTE = "at a bound"
 TEMPLATE = "diagnosis.html"
@@ -40,20 +42,39 @@ FIGURE_CAPTIONS = {
 }
 
 
-def write_page(diagnosis: Diagnosis, folder: Path) -> None:
+def write_page(diagnosis: Diagnosis, folder: Path, predictions: Sequence[TransferPrediction] = ()) -> None:
     """Write the page of ``diagnosis`` into its ``folder``, with the figures of the folder embedded."""
     files = {name: folder / f"{name}.png" for name in FIGURE_CAPTIONS}
     images = {name: encode_picture(file) for name, file in files.items() if file.is_file()}
-    write_atomically(folder / PAGE_FILE, render_page(diagnosis, images, list_files(folder)))
+    entries = [
+        _build_other_dataset_entry(prediction, encode_picture(folder / format_figure_name(number)))
+        for number, prediction in enumerate(predictions, 1)
+    ]
+    write_atomically(folder / PAGE_FILE, render_page(diagnosis, images, list_files(folder), entries))
 
 
-def render_page(diagnosis: Diagnosis, images: Mapping[str, str], files: Sequence[Mapping[str, str]] = ()) -> str:
+def render_page(
+    diagnosis: Diagnosis,
+    images: Mapping[str, str],
+    files: Sequence[Mapping[str, str]] = (),
+    other_datasets: Sequence[Mapping[str, Any]] = (),
+) -> str:
     """Return the page with ``images`` (name -> PNG in base 64) as HTML, in which names from the data are escaped.
 
-    ``files`` have a name and a description each.
+    ``files`` have a name and a description each; ``other_datasets`` are the predictions of other datasets.
     """
-    context = build_page_context(diagnosis)
+    context = build_page_context(diagnosis) | {"other_datasets": other_datasets}
     return render_template(TEMPLATE, **context, images=images, captions=FIGURE_CAPTIONS, files=files)
+
+
+def _build_other_dataset_entry(prediction: TransferPrediction, picture: str) -> dict[str, Any]:
+    """Return tables, ``picture`` (PNG in base 64) and warnings of the prediction of another dataset."""
+    return {
+        "tables": [convert_table(build_prediction_table(prediction)), convert_table(build_numbers_table(prediction))],
+        "picture": picture,
+        "caption": f"Predicted over measured values of '{prediction.dataset_name}', which nothing was fitted to.",
+        "warnings": prediction.warnings,
+    }
 
 
 def build_page_context(diagnosis: Diagnosis) -> dict[str, Any]:

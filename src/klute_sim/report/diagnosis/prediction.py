@@ -1,6 +1,8 @@
 """Report of the prediction of another dataset: table, numbers that were carried over, and figure."""
 
+from collections.abc import Sequence
 from math import isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +12,7 @@ from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.transfer import TransferPrediction
 from klute_sim.report.diagnosis import text as words
 from klute_sim.report.diagnosis.localization_figure import CASE_COLOURS
-from klute_sim.report.style import add_heading, use_style
+from klute_sim.report.style import add_heading, save_figure, use_style
 from klute_sim.terminal_table import create_table
 
 if TYPE_CHECKING:
@@ -72,3 +74,14 @@ def build_prediction_figure(prediction: TransferPrediction) -> "Figure":
             axis.set_ylabel(f"predicted {name} [{unit}]")
         add_heading(figure, f"prediction of '{prediction.dataset_name}', not fitted to it", axes[0])
     return figure
+
+
+def format_figure_name(number: int) -> str:
+    """Return the name of the file with the figure of the ``number``-th prediction, from 1."""
+    return f"prediction-{number}.png"
+
+
+def save_prediction_figures(predictions: Sequence[TransferPrediction], folder: Path) -> None:
+    """Write the figure of each prediction into ``folder``."""
+    for number, prediction in enumerate(predictions, 1):
+        save_figure(build_prediction_figure(prediction), folder / format_figure_name(number))
