@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 from klute_sim.reproduction.item import Outcome
 from klute_sim.types import Array
 
-LineStyle = Literal["line", "dashed", "dotted", "points"]
+LineStyle = Literal["line", "dashed", "dotted", "dashdot", "points"]
 
 
 class PlotLine(NamedTuple):
@@ -21,6 +21,8 @@ class PlotLine(NamedTuple):
     """Style of the line."""
     colour_index: int | None = None
     """Index of a colour that several curves share; None selects a colour of its own."""
+    ordered_value: float | None = None
+    """Value of the quantity by which the curves are ordered, which gives the colour in place of the index."""
 
 
 class PlotSurface(NamedTuple):

@@ -3,19 +3,19 @@
 Matplotlib is imported when a figure is built.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from klute_sim.report.style import add_legend, get_series_colour, save_figure, use_style
+from klute_sim.report.style import add_legend, get_ordered_colours, get_series_colour, save_figure, use_style
 from klute_sim.reproduction.curves import FigureData, PlotLine
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LINE_STYLES: Any = {"line": "-", "dashed": "--", "dotted": ":", "points": "none"}
+LINE_STYLES: Any = {"line": "-", "dashed": "--", "dotted": ":", "dashdot": "-.", "points": "none"}
 WIDTH_INCHES, HEIGHT_INCHES = 5.6, 4.4
 
 
@@ -33,8 +33,9 @@ def build_figure(picture: FigureData) -> "Figure":
 
 def _plot_curves(figure: "Figure", picture: FigureData) -> None:
     axes = figure.subplots()
+    ordered_colours = get_ordered_colours([x.ordered_value for x in picture.lines if x.ordered_value is not None])
     for line in picture.lines:
-        _plot_curve(axes, line)
+        _plot_curve(axes, line, ordered_colours)
     axes.set_xlabel(picture.x_label)
     axes.set_ylabel(picture.y_label)
     if picture.x_range:
@@ -46,11 +47,13 @@ def _plot_curves(figure: "Figure", picture: FigureData) -> None:
         add_legend(axes, max_columns=2)
 
 
-def _plot_curve(axes: Any, line: PlotLine) -> None:
+def _plot_curve(axes: Any, line: PlotLine, ordered_colours: Mapping[float, str]) -> None:
     style: dict[str, Any] = {"linestyle": LINE_STYLES[line.style], "linewidth": 1.4, "label": line.label or None}
     if line.style == "points":
         style |= {"marker": "o", "markersize": 6.0, "clip_on": False}
-    if line.colour_index is not None:
+    if line.ordered_value is not None:
+        style["color"] = ordered_colours[line.ordered_value]
+    elif line.colour_index is not None:
         style["color"] = get_series_colour(line.colour_index)
     axes.plot(line.x, line.y, **style)
 

@@ -267,6 +267,7 @@ def _build_figures() -> list[FigureData]:
                     f"saturating at {s:g} F(l)",
                     lengthening,
                     _evaluate_curve(_relative_force, tables.GENERIC_HILL_CURVE._replace(saturation=s), lengthening),
+                    ordered_value=s,
                 )
                 for s in sorted(tables.ECCENTRIC_SATURATIONS.values())
             ),

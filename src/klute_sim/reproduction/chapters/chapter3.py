@@ -237,7 +237,10 @@ def _build_figures() -> list[FigureData]:
             "1-1/4 in actuator: the model with friction at 2 to 5 bar",
             "λ1 = L/L0",
             "force [N]",
-            tuple(PlotLine(f"{p:g} bar", LENGTH_RATIOS, force_at_ratios(muscle_1_1_4, p)) for p in PRESSURES_BAR),
+            tuple(
+                PlotLine(f"{p:g} bar", LENGTH_RATIOS, force_at_ratios(muscle_1_1_4, p), ordered_value=p)
+                for p in PRESSURES_BAR
+            ),
             (0.6, 1.0),
             (0.0, 2000.0),
             assumption_note="the measured curves are lost and not drawn",

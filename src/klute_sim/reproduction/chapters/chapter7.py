@@ -65,8 +65,13 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
         findings[f"fig-7.1.force-{pressure:g}"] = Outcome(curve.isometric_force)
     findings |= evaluate_claims(list(curves.values()), list(pressure_curves.values()))
     x, y = "velocity, shortening positive [mm/s]", "force [N]"
-    lengths = tuple(PlotLine(f"{1e3 * length:.0f} mm", c.velocity, c.force) for length, c in curves.items())
-    pressures = tuple(PlotLine(f"{pressure:g} bar", c.velocity, c.force) for pressure, c in pressure_curves.items())
+    lengths = tuple(
+        PlotLine(f"{1e3 * length:.0f} mm", c.velocity, c.force, ordered_value=length) for length, c in curves.items()
+    )
+    pressures = tuple(
+        PlotLine(f"{pressure:g} bar", c.velocity, c.force, ordered_value=pressure)
+        for pressure, c in pressure_curves.items()
+    )
     assumed = "damper, tendon, velocities"
     pressure_figure = FigureData(
         "7.1",

@@ -5,7 +5,7 @@ import numpy as np
 from klute_sim.bench.protocols import library as protocols_library
 from klute_sim.bench.run import BenchResult, BenchTrial, run_protocol
 from klute_sim.device.device import Device
-from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine
+from klute_sim.reproduction.curves import ChapterResult, FigureData, LineStyle, PlotLine
 from klute_sim.reproduction.item import Outcome
 from klute_sim.types import ProgressCallback
 
@@ -15,6 +15,8 @@ PHASE_ACTIVATIONS = {0.0: "concentric", 50.0: "eccentric"}
 """Activation by the phase of the cycle [%] at which the pressure rises."""
 PLOTTED_VELOCITY = 100.0
 """Velocity [mm/s] of the plotted loops; the highest pressure is plotted at all velocities."""
+LINE_STYLES: dict[float, LineStyle] = {1.0: "dotted", 50.0: "dashdot", PLOTTED_VELOCITY: "line", 200.0: "dashed"}
+"""Velocity [mm/s] -> style of its loop; the colour is that of the pressure."""
 
 
 def compute(device: Device, progress: ProgressCallback = lambda fraction, stage: None) -> ChapterResult:
@@ -88,13 +90,10 @@ def _build_loop_figure(number: str, activation: str, trials: dict[tuple[float, f
         if velocity == PLOTTED_VELOCITY or pressure == max(trials)[0]:
             time, length, force = (trial.recording[c] for c in ("time", "length", "force"))
             is_last_cycle = time >= 0.5 * (time[0] + time[-1])
-            is_plotted_velocity = velocity == PLOTTED_VELOCITY
-            label = f"{pressure:g} bar" if is_plotted_velocity else f"{pressure:g} bar, {velocity:g} mm/s"
-            lines.append(
-                PlotLine(
-                    label, length[is_last_cycle], force[is_last_cycle], "line" if is_plotted_velocity else "dotted"
-                )
-            )
+            style = LINE_STYLES[velocity]
+            label = f"{pressure:g} bar" if velocity == PLOTTED_VELOCITY else f"{pressure:g} bar, {velocity:g} mm/s"
+            loop = length[is_last_cycle], force[is_last_cycle]
+            lines.append(PlotLine(label, *loop, style, ordered_value=pressure))
     return FigureData(
         number,
         f"work loops, {activation} activation, {PLOTTED_VELOCITY:g} mm/s unless labelled",
@@ -113,6 +112,9 @@ def _build_work_figure(number: str, activation: str, work: dict[tuple[float, flo
         f"net work per cycle, {activation} activation",
         "pressure [bar]",
         "net work [J]",
-        tuple(PlotLine(f"{v:g} mm/s", pressures, np.array([work[p, v] for p in pressures])) for v in velocities),
+        tuple(
+            PlotLine(f"{v:g} mm/s", pressures, np.array([work[p, v] for p in pressures]), ordered_value=v)
+            for v in velocities
+        ),
         assumption_note="stroke, dwell at the ends, damper and tendon",
     )
