@@ -3,6 +3,7 @@
 import numpy as np
 
 from klute_sim.bench.protocols import library as protocols_library
+from klute_sim.bench.protocols.workloop import WorkLoopProtocol
 from klute_sim.bench.run import BenchResult, BenchTrial, run_protocol
 from klute_sim.device.device import Device
 from klute_sim.reproduction.curves import ChapterResult, FigureData, LineStyle, PlotLine
@@ -21,7 +22,9 @@ LINE_STYLES: dict[float, LineStyle] = {1.0: "dotted", 50.0: "dashdot", PLOTTED_V
 
 def compute(device: Device, progress: ProgressCallback = lambda fraction, stage: None) -> ChapterResult:
     """Return the findings and figures of chapter 8; ``progress`` receives the completed fraction."""
-    result = run_protocol(device, protocols_library.load_protocol("workloop"), progress=progress)
+    protocol = protocols_library.load_protocol("workloop")
+    assert isinstance(protocol, WorkLoopProtocol)
+    result = run_protocol(device, protocol, progress=progress)
     trials_by_activation: dict[str, dict[tuple[float, float], BenchTrial]] = {name: {} for name in ACTIVATION_TABLES}
     for trial in result.trials:
         conditions = trial.conditions
@@ -48,7 +51,7 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
     figures = []
     for name, (_, loop_number, work_number) in ACTIVATION_TABLES.items():
         figures += [
-            _build_loop_figure(loop_number, name, trials_by_activation[name]),
+            _build_loop_figure(loop_number, name, trials_by_activation[name], protocol.rest_s, protocol.cycles),
             _build_work_figure(work_number, name, work[name]),
         ]
     return ChapterResult(findings, tuple(figures))
@@ -84,12 +87,15 @@ def _check_square_wave(result: BenchResult) -> Outcome:
     return Outcome(percent, True)
 
 
-def _build_loop_figure(number: str, activation: str, trials: dict[tuple[float, float], BenchTrial]) -> FigureData:
+def _build_loop_figure(
+    number: str, activation: str, trials: dict[tuple[float, float], BenchTrial], rest_s: float, n_cycles: int
+) -> FigureData:
     lines = []
     for (pressure, velocity), trial in sorted(trials.items()):
         if velocity == PLOTTED_VELOCITY or pressure == max(trials)[0]:
             time, length, force = (trial.recording[c] for c in ("time", "length", "force"))
-            is_last_cycle = time >= 0.5 * (time[0] + time[-1])
+            # A loop that is drawn further than once closes the gaps of its dashes.
+            is_last_cycle = time >= time[-1] - (time[-1] - time[0] - rest_s) / n_cycles
             style = LINE_STYLES[velocity]
             label = f"{pressure:g} bar" if velocity == PLOTTED_VELOCITY else f"{pressure:g} bar, {velocity:g} mm/s"
             loop = length[is_last_cycle], force[is_last_cycle]
