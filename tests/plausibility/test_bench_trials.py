@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from benchmarks.robustness.plausibility import right_trials, wrong_trials
 from benchmarks.robustness.plausibility.recordings import Variant, find_names, write_variant
 
 from klute_sim.datasets.dataset import load_dataset
+from klute_sim.datasets.write import write_trial
+from tests.datasets.test_muscle_diameter import TEN_MM
 
 WRONG = list(wrong_trials.list_variants())
 RIGHT = list(right_trials.list_variants())
@@ -65,4 +68,23 @@ def test_a_fast_regulator_without_a_force_does_not_tell_another_unit(tmp_path: P
     (tmp_path / "step.csv").write_text("\n".join([heading, *rows]))
     head = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "klute-3-4-pair"\n'
     (tmp_path / "dataset.toml").write_text(head + '[[trial]]\nfiles = ["step.csv"]\n')
+    assert load_dataset(tmp_path).accepted == ()
+
+
+def test_constant_load_needs_no_course_of_the_force(tmp_path: Path) -> None:
+    """A muscle of 233 mm with conical ends lifts 150 N: its law is imperfect, the columns and pressures are right."""
+    pressure_kpa = [207.0, 218.0, 267.0, 316.0, 365.0, 413.0, 462.0, 511.0, 560.0, 609.0, 620.0]
+    length_mm = [232.5, 232.1, 230.2, 227.9, 225.0, 221.4, 216.9, 212.2, 207.5, 203.4, 202.5]
+    time = np.arange(0.0, 24.0, 0.1)
+    instants = np.interp(time, [0.0, 1.0, 11.0, 13.0, 24.0], [0.0, 0.0, 10.0, 10.0, 0.0])
+    columns = {
+        "time [s]": time,
+        "length [mm]": np.interp(instants, range(11), length_mm),
+        "pressure_command [kPa]": np.interp(instants, range(11), pressure_kpa),
+        "force [N]": 150.0 + np.random.default_rng(0).normal(0.0, 0.6, len(time)),
+    }
+    write_trial(tmp_path / "load.csv", columns)
+    (tmp_path / "muscle.toml").write_text(TEN_MM.replace("= 200.0", "= 233.0"), "utf-8")
+    head = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "muscle.toml"\n'
+    (tmp_path / "dataset.toml").write_text(head + '[[trial]]\nfiles = ["load.csv"]\n', "utf-8")
     assert load_dataset(tmp_path).accepted == ()

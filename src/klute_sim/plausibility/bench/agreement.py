@@ -74,8 +74,23 @@ def _find_window(trial: RecordedTrial, first: float, last: float, duration: floa
     return float(starts[int(np.argmax(np.round(activity, 3)))])
 
 
-def compare_trial(trial: RecordedTrial, response: Response | None) -> dict[str, Agreement]:
-    """Return measured channel -> agreement for the channels whose simulation is informative."""
+def moves_under_load(trial: RecordedTrial) -> bool:
+    """Return whether the unit moves under a nearly constant force, as with a hanging weight."""
+    if "force" not in trial.channels:
+        return False
+    force = _clip_outliers(trial.get_samples("force").finite)
+    span = MIN_RELATIVE_FORCE_RANGE * float(np.median(np.abs(force)))
+    return compute_span(trial.get_samples("length").finite) > MIN_LENGTH_RANGE and compute_span(force) < span
+
+
+def compare_trial(
+    trial: RecordedTrial, response: Response | None, *, has_constant_load: bool = False
+) -> dict[str, Agreement]:
+    """Return measured channel -> agreement for the channels whose simulation is informative.
+
+    Under a constant load any error of the law gives the simulated force another course, so with ``has_constant_load``
+    its magnitude alone is compared.
+    """
     agreements: dict[str, Agreement] = {}
     if response is None:
         return agreements
@@ -90,7 +105,8 @@ def compare_trial(trial: RecordedTrial, response: Response | None) -> dict[str, 
         expected = np.interp(channel.time[is_inside], response.time, simulated[name])
         if len(measured) < 5:
             continue
-        misfit = _MISFITS[name](trial, _clip_outliers(measured), expected)
+        compute_misfit = _compute_load_misfit if has_constant_load and name == "force" else _MISFITS[name]
+        misfit = compute_misfit(trial, _clip_outliers(measured), expected)
         if misfit is not None:
             agreements[name] = Agreement(misfit, expected, _compute_scale_error(measured, expected))
     return agreements
@@ -136,6 +152,14 @@ def _compute_force_misfit(trial: RecordedTrial, measured: Array, expected: Array
     ratio = float(np.percentile(np.abs(measured), 95.0)) / largest
     is_off = [not 1.0 / MAX_SCALE <= value <= MAX_SCALE for value in (scale, ratio)]
     return 1.0 if all(is_off) else misfit
+
+
+def _compute_load_misfit(trial: RecordedTrial, measured: Array, expected: Array) -> float | None:
+    """Return 1 for a constant load of another scale or sign than the simulated force, or 0."""
+    level = float(np.median(np.abs(expected)))
+    if level < max(MIN_FORCE, 0.02 * trial.limits.max_force):
+        return None
+    return 0.0 if 1.0 / MAX_SCALE <= float(np.median(measured)) / level <= MAX_SCALE else 1.0
 
 
 def _compute_muscle_length_misfit(trial: RecordedTrial, measured: Array, expected: Array) -> float | None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from klute_sim.plausibility.bench import time_axis
-from klute_sim.plausibility.bench.agreement import Agreement, compare_trial, simulate_trial
+from klute_sim.plausibility.bench.agreement import Agreement, compare_trial, moves_under_load, simulate_trial
 from klute_sim.plausibility.bench.causality import leads
 from klute_sim.plausibility.bench.dropouts import check_dropouts
 from klute_sim.plausibility.bench.magnitudes import check_all_commands, check_magnitudes, check_missing_value_codes
@@ -56,7 +56,8 @@ def _search_mistake(trial: RecordedTrial, *, has_wrong_range: bool) -> list[Find
     Where the range of a channel is wrong already, only exchanged columns are searched for: they explain it better.
     """
     response = simulate_trial(trial)
-    agreements = compare_trial(trial, response)
+    is_loaded = moves_under_load(trial)
+    agreements = compare_trial(trial, response, has_constant_load=is_loaded)
     misfit = _combine_misfits(agreements)
     interval, duration = time_axis.measure_time_axis(trial)
     best: Mistake | None = None
@@ -65,7 +66,8 @@ def _search_mistake(trial: RecordedTrial, *, has_wrong_range: bool) -> list[Find
     for mistake in list_mistakes(trial) if is_suspicious else ():
         if has_wrong_range and not mistake.findings[0].name.endswith("-exchanged"):
             continue
-        corrected = compare_trial(mistake.trial, _simulate_changed(trial, response, mistake.trial))
+        changed_response = _simulate_changed(trial, response, mistake.trial)
+        corrected = compare_trial(mistake.trial, changed_response, has_constant_load=is_loaded)
         if not corrected or not agreements.keys() <= corrected.keys():
             continue
         corrected_misfit = _combine_misfits(corrected)
