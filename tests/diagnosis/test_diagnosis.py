@@ -285,6 +285,7 @@ def test_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     assert set(verdict) == {
         *("schema", "verdict", "reasons", "effects", "numbers", "alternatives", "indistinguishable", "split"),
         *("where", "gap", "held_out", "prediction", "recommended", "direct_measurements"),
+        *("p_value", "probability_nothing_missing", "misfit_map", "predictions"),
         *("rejected", "next_experiment", "device_file", "accepted"),
     }
     assert verdict["schema"] == "klute-sim-verdict/2"

@@ -17,6 +17,7 @@ from klute_sim.diagnosis.held_out import (
     judge_divergence,
     judge_misfit,
     judge_names,
+    judge_numbers,
 )
 from klute_sim.diagnosis.noise.misfit import Misfit
 from klute_sim.diagnosis.result import ChannelRms, Diagnosis, DiagnosisOptions, Verdict
@@ -81,6 +82,41 @@ def test_names_hold_only_if_the_gap_of_test_trials_shrinks(
 
 
 @pytest.mark.parametrize(
+    ("nominal", "refitted", "with_effects", "recommended"),
+    [
+        (50.0, 12.0, 3.1, "with-effects"),
+        (50.0, 6.0, 12.0, "without-effects"),
+        (10.0, 20.0, 12.0, "as-declared"),  # the effects repair what the fit has spoiled, and no more
+        (10.0, 12.0, 20.0, "as-declared"),
+        (11.6, 20.0, 12.0, "with-effects"),  # a difference of 3 % decides nothing
+        (3.0, 3.1, 3.1, "with-effects"),
+    ],
+)
+def test_device_that_predicts_the_test_trials_best_is_recommended(
+    nominal: float, refitted: float, with_effects: float, recommended: str, dataset: datasets.Dataset
+) -> None:
+    gaps = {"nominal": nominal, "refitted": refitted, "with_effects": with_effects}
+    diagnosis = make_diagnosis(dataset, "identified-in-part", **gaps)
+    diagnosis.added_terms = (EffectTerm("braid_hysteresis", "proportional"),)
+    judge_names(diagnosis)
+    verdict = diagnosis.verdict
+    judge_numbers(diagnosis)
+    assert (diagnosis.recommended_device, diagnosis.verdict) == (recommended, verdict)
+    assert ("device as declared predicts better" in diagnosis.reasons[0]) == (recommended == "as-declared")
+
+
+@pytest.mark.parametrize("noise_floor", [3.0, None])
+def test_declared_device_is_recommended_where_refitted_numbers_do_not_hold(
+    noise_floor: float | None, dataset: datasets.Dataset
+) -> None:
+    gaps = {"nominal": 20.0, "refitted": 30.0, "with_effects": 30.0, "noise_floor": noise_floor}
+    diagnosis = make_diagnosis(dataset, "unexplained", **gaps)
+    judge_numbers(diagnosis)
+    assert diagnosis.recommended_device == "as-declared"
+    assert "predicts better than with the refitted numbers: it misses 'force' by 20 instead" in diagnosis.reasons[0]
+
+
+@pytest.mark.parametrize(
     ("diverged", "has_effects", "verdict", "held_out", "is_worse"),
     [
         ((), True, "identified", "confirmed", False),
@@ -114,7 +150,7 @@ def test_diverging_test_trial_counts_as_failed_prediction(
 
 def test_prediction_that_diverges_is_no_number() -> None:
     channels = {"force": ChannelPrediction(nominal=4.0, refitted=2.0, with_effects=np.inf, measured_range=100.0)}
-    prediction = TransferPrediction("other", channels, "with-effects")
+    prediction = TransferPrediction("other", channels)
     assert prediction.to_dict()["channels"] == {
         "force": {
             **{"unit": "N", "nominal": 4.0, "refitted": 2.0, "with_effects": None},

@@ -114,35 +114,42 @@ def test_parameters_that_grow_with_the_diameter_are_scaled(
 def test_effects_that_do_not_hold_elsewhere_are_said_not_to(
     diagnosis: Diagnosis, true_device: Device, tmp_path: Path
 ) -> None:
-    """The other muscle has no passive tension, so the refitted device without it predicts better."""
+    """The other muscle has no passive tension, so the device without it, or its mark on a fit, is better."""
     bare = parse_device(TEN_MM.encode(), "10 mm muscle").with_changes(
         {"muscle.turns_per_m": true_device.spec.collect_values()["muscle.turns_per_m"]}
     )
     prediction = predict_dataset(diagnosis, load_dataset(write_muscles(tmp_path / "bare", bare, (0.25,), "")))
-    assert prediction.recommended == "with-effects"  # of the diagnosis, which has not seen these trials
+    assert prediction.recommended == "as-declared"
     (warning,) = prediction.warnings
-    assert "worse than that of the refitted device" in warning
+    assert "the device as declared predicts force best" in warning
+    assert "use the device as declared there" in warning
     assert prediction.to_dict()["warnings"] == [warning]
 
 
 def test_diverging_prediction_is_a_warning() -> None:
     channels = {"force": ChannelPrediction(nominal=4.0, refitted=2.0, with_effects=np.inf, measured_range=100.0)}
-    (warning,) = TransferPrediction("other", channels, "with-effects").warnings
-    assert "a simulation that diverges instead of 2.0 % of the range" in warning
+    (warning,) = TransferPrediction("other", channels).warnings
+    assert "misses by 2.0 % of the range, the refitted device with the added effects a simulation that div" in warning
 
 
 @pytest.mark.parametrize(
-    ("refitted", "with_effects", "match"),
+    ("nominal", "refitted", "with_effects", "recommended", "match"),
     [
-        (5.0, 5.0001, None),
-        (5.0, 4.0, None),
-        (5.0, 6.0, "6.0 % .* instead of 5.0 %"),
-        (np.inf, np.inf, "predicts nothing"),
+        (9.0, 5.0, 5.0001, "with-effects", None),
+        (9.0, 5.0, 4.0, "with-effects", None),
+        (9.0, 5.0, 6.0, "without-effects", "without effects predicts force best: .* 5.0 % .* effects 6.0 %"),
+        (2.3, 5.3, 3.1, "as-declared", "as declared predicts .* 2.3 % .* effects 3.1 % .* 5.3 % .* as declared there"),
+        (2.3, 5.3, 1.8, "with-effects", r"\(5.3 % of the range instead of 2.3 % of the range\); with them, .* 1.8 %"),
+        (2.3, 5.3, 5.3, "as-declared", "misses by 2.3 % of the range, the refitted device without effects 5.3 %"),
+        (9.0, np.inf, np.inf, "as-declared", "predicts nothing"),
     ],
 )
-def test_warnings_state_a_difference_that_can_be_read(refitted: float, with_effects: float, match: str | None) -> None:
-    channels = {"force": ChannelPrediction(9.0, refitted, with_effects, 100.0)}
-    warnings = TransferPrediction("other", channels, "with-effects").warnings
+def test_better_device_is_recommended_in_a_sentence(
+    nominal: float, refitted: float, with_effects: float, recommended: str, match: str | None
+) -> None:
+    channels = {"force": ChannelPrediction(nominal, refitted, with_effects, 100.0)}
+    assert TransferPrediction("other", channels).recommended == recommended
+    warnings = TransferPrediction("other", channels).warnings
     assert len(warnings) == (match is not None)
     assert match is None or re.search(match, warnings[0])
 

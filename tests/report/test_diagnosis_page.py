@@ -11,6 +11,8 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
+from klute_sim.diagnosis.transfer import ChannelPrediction, TransferPrediction
+from klute_sim.diagnosis.verdict import verdict_to_dict
 from klute_sim.provenance import collect_versions
 from klute_sim.report.diagnosis import figures, page
 from klute_sim.report.diagnosis import text as words
@@ -243,3 +245,10 @@ def test_page_embeds_its_figures_and_loads_nothing(attacked_html: str) -> None:
 def test_page_links_to_its_recording(attacked_html: str, html: str) -> None:
     assert "rrd" not in html
     assert '<a href="recording.rrd">' in attacked_html
+
+
+def test_verdict_states_the_better_device_for_other_data(diagnosis: Diagnosis) -> None:
+    channels = {"force": ChannelPrediction(nominal=2.3, refitted=5.3, with_effects=3.1, measured_range=100.0)}
+    prediction = TransferPrediction("other muscles", channels)
+    (entry,) = verdict_to_dict(diagnosis, [prediction])["predictions"]
+    assert (entry["recommended"], entry["warnings"]) == ("as-declared", prediction.warnings)

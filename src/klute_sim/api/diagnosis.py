@@ -164,7 +164,9 @@ class DiagnosisResult(Printable):
             (folder / DEVICE_FILE_NAME).write_bytes(diagnosis.fitted_device.content)
         for name, content in build_mechanism_files(diagnosis).items():
             (folder / name).write_bytes(content)
-        (folder / "verdict.json").write_text(json.dumps(self.to_dict(), indent=2) + "\n", "utf-8")
+        (folder / "verdict.json").write_text(
+            json.dumps(verdict_to_dict(diagnosis, predictions), indent=2) + "\n", "utf-8"
+        )
         if predictions:
             rows = [prediction.to_dict() for prediction in predictions]
             (folder / PREDICTIONS_FILE_NAME).write_text(json.dumps(rows, indent=2) + "\n", "utf-8")

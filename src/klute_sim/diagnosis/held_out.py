@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from klute_sim.diagnosis import data_quality
-from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
@@ -28,6 +28,8 @@ DEMOTED_VERDICTS: Mapping[Verdict, Verdict] = {"nothing-missing": "unexplained",
 """Verdict that denies a misfit of the test trials -> verdict that does not."""
 NOMINAL_MODEL, BASE_MODEL, FINAL_MODEL = "the declared numbers", "the refitted numbers", "the added effects"
 """Models that are evaluated."""
+MIN_DECLARED_ADVANTAGE = 0.05
+"""Part of the rms gap by which the declared device must be better than the fitted one to be recommended (assumed)."""
 NEGLIGIBLE_GAP = 0.15
 """Squared gap beyond noise, over the squared noise, that counts as none (assumed: sampling of the noise)."""
 
@@ -48,6 +50,8 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
             judge_misfit(diagnosis, misfits, is_absorbed=do_numbers_absorb(diagnosis, data, evaluated.experiments))
         if diagnosis.added_terms:
             judge_names(diagnosis)
+        if NOMINAL_MODEL not in diagnosis.diverged_trials:
+            judge_numbers(diagnosis)
     judge_divergence(diagnosis)
 
 
@@ -154,6 +158,32 @@ def judge_names(diagnosis: Diagnosis) -> None:
         diagnosis.reasons.insert(
             0, "On the test trials the refitted device without effects predicts better; it is the one recommended."
         )
+
+
+def judge_numbers(diagnosis: Diagnosis) -> None:
+    """Set whether the declared device predicts the test trials better than the recommended one, and say so.
+
+    Then the fitted numbers compensate what the law lacks in the fitted trials, and do not hold beyond them. The verdict
+    stays: it compares models whose numbers are fitted.
+    """
+    case = "refitted" if diagnosis.is_worse_on_test else "with_effects"
+    gaps = [(gap.nominal, getattr(gap, case), gap.noise_floor) for gap in diagnosis.channel_rms.values()]
+    known = [gap for gap in gaps if gap[2]]
+    squares = [np.square([nominal, fitted]) / (noise or fitted) ** 2 for nominal, fitted, noise in known or gaps]
+    declared, fitted = np.sum(squares, axis=0)
+    if declared + NEGLIGIBLE_GAP * len(squares) >= fitted * (1.0 - MIN_DECLARED_ADVANTAGE) ** 2:
+        return
+    diagnosis.is_declared_best = True
+    clauses = []
+    for channel, gap in diagnosis.channel_rms.items():
+        unit, si = CHANNEL_UNITS[channel]
+        clauses.append(f"'{channel}' by {gap.nominal / si:.3g} instead of {getattr(gap, case) / si:.3g} {unit} rms")
+    model = "with the refitted numbers" if case == "refitted" or not diagnosis.added_terms else "with the added effects"
+    diagnosis.reasons.insert(
+        0,
+        f"On the test trials the device as declared predicts better than {model}: it misses {', '.join(clauses)}. The "
+        "fitted numbers do not hold there, and the device as declared is the one that is recommended.",
+    )
 
 
 def _compare_without_noise(diagnosis: Diagnosis) -> list[Array]:

@@ -21,7 +21,9 @@ def build_mechanism_files(diagnosis: Diagnosis) -> dict[str, bytes]:
     fit = diagnosis.recommended_fit
     source = diagnosis.dataset.folder.resolve().name
     files = {
-        f"device-{tendon}.toml": augment_device(fit, source, device, tendon).content
+        f"device-{tendon}.toml": device.content
+        if diagnosis.is_declared_best
+        else augment_device(fit, source, device, tendon).content
         for tendon, device in mechanism.devices.items()
     }
     spec = mechanism.file.make_spec()

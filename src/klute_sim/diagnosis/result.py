@@ -1,7 +1,7 @@
 """Result of a diagnosis, and the options of the workflow."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ Verdict = Literal[
 ]
 MIN_INPUT_ERROR_SCALE = 1.5
 """Smallest factor by which unknown inputs widen the error of a sample that the report mentions."""
+RecommendedDevice = Literal["with-effects", "without-effects", "as-declared"]
 HeldOut = Literal["confirmed", "not-confirmed", "not-tested"]
 
 
@@ -86,6 +87,8 @@ class Diagnosis:
     """Whether the test trials confirm the added effects; 'not-tested' without effects or test trials."""
     is_worse_on_test: bool = False
     """Whether the refitted device without effects predicts the test trials better."""
+    is_declared_best: bool = False
+    """Whether the device as declared predicts the test trials better than what would be recommended otherwise."""
     diverged_trials: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Model -> test trials in which its simulation diverges; :attr:`channel_rms` leaves them out."""
     p_value: float | None = None
@@ -119,8 +122,8 @@ class Diagnosis:
     direct_measurements: Sequence[DirectMeasurement] = ()
     """Quantities that would separate them if they were measured directly."""
     fitted_device: Device | None = None
-    """Recommended device: with its refitted numbers, and with the added effects unless test trials speak against them;
-    None without a fit."""
+    """Recommended device: with its refitted numbers and the added effects unless test trials speak against them; None
+    without a fit."""
     n_simulations: int = 0
     """Number of simulations."""
 
@@ -137,8 +140,17 @@ class Diagnosis:
         return any(float(np.max(scale)) > MIN_INPUT_ERROR_SCALE for scale in scales)
 
     @property
+    def recommended_device(self) -> RecommendedDevice:
+        """The device of the final fit, or one without effects, or as declared, that predicts the test trials better."""
+        if self.is_declared_best:
+            return "as-declared"
+        return "without-effects" if self.is_worse_on_test else "with-effects"
+
+    @property
     def recommended_fit(self) -> Fit:
-        """The final fit, or that without effects where it predicts the test trials better."""
+        """Fit of :attr:`recommended_device`; for the device as declared, its numbers before the fit."""
         assert self.base_fit is not None
         assert self.final_fit is not None
+        if self.is_declared_best:
+            return replace(self.base_fit, x=self.base_fit.hypothesis.initial_point())
         return self.base_fit if self.is_worse_on_test else self.final_fit

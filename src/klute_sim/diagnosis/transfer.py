@@ -1,5 +1,6 @@
 """Prediction of another dataset by what a diagnosis has found: other lengths, another diameter, another specimen."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,9 +12,18 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import FitParameter, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.noise.repeats import list_channels
-from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.diagnosis.result import Diagnosis, RecommendedDevice
 from klute_sim.errors import InputError
 from klute_sim.types import Array
+
+MIN_DIFFERENCE = 0.02
+"""Relative difference between two errors of prediction below which neither device is better (assumed)."""
+DEVICE_WORDS: dict[RecommendedDevice, str] = {
+    "with-effects": "the refitted device with the added effects",
+    "without-effects": "the refitted device without effects",
+    "as-declared": "the device as declared",
+}
+"""Device -> words, the most complete device first."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +43,11 @@ class ChannelPrediction:
     def errors(self) -> dict[str, float]:
         """Device -> error [SI]: 'nominal', 'refitted', 'with_effects'."""
         return {"nominal": self.nominal, "refitted": self.refitted, "with_effects": self.with_effects}
+
+    @property
+    def by_device(self) -> dict[RecommendedDevice, float]:
+        """Device -> error [SI], the most complete device first."""
+        return {"with-effects": self.with_effects, "without-effects": self.refitted, "as-declared": self.nominal}
 
 
 @dataclass(frozen=True)
@@ -73,29 +88,51 @@ class TransferPrediction:
     """Name of the folder of the predicted dataset."""
     channels: dict[str, ChannelPrediction]
     """Channel -> errors."""
-    recommended: str
-    """Which device the diagnosis recommends: 'with-effects' or 'without-effects'."""
     numbers: tuple[TransferredNumber, ...] = ()
     """Numbers and parameters that were carried over."""
     trials: tuple[PredictedTrial, ...] = ()
     """Measured and predicted values."""
 
     @property
+    def recommended(self) -> RecommendedDevice:
+        """The device that predicts the dataset best; the more complete one where two are equally good."""
+        scales = {channel: p.measured_range or 1.0 for channel, p in self.channels.items()}
+        return _find_best(
+            {
+                device: float(np.linalg.norm([p.by_device[device] / scales[c] for c, p in self.channels.items()]))
+                for device in DEVICE_WORDS
+            }
+        )
+
+    @property
     def warnings(self) -> list[str]:
-        """One sentence for each channel that the effects predict worse than the refitted device, or not at all."""
+        """Sentences for each channel that what was found predicts worse than less of it would, or not at all."""
         sentences = []
         for channel, p in self.channels.items():
-            errors = [_format_error(error, p, channel) for error in (p.with_effects, p.refitted)]
+            errors = p.by_device
+            texts = {device: _format_error(error, p, channel) for device, error in errors.items()}
+            best = _find_best(errors)
             if not (np.isfinite(p.with_effects) or np.isfinite(p.refitted)):
                 sentences.append(
                     f"On '{self.dataset_name}' the simulations of {channel} diverge with and without the added "
                     "effects: what was found predicts nothing there."
                 )
-            elif p.with_effects > p.refitted and errors[0] != errors[1]:
+            elif best != "with-effects":
+                others = [
+                    f"{DEVICE_WORDS[device]} {texts[device]}"
+                    for device in DEVICE_WORDS
+                    if device != best and not (device == "with-effects" and p.with_effects == p.refitted)
+                ]
                 sentences.append(
-                    f"On '{self.dataset_name}' the added effects make the prediction of {channel} worse than that of "
-                    f"the refitted device without them ({errors[0]} instead of {errors[1]}): what was found does not "
-                    "hold there. Use the device without them there."
+                    f"On '{self.dataset_name}' {DEVICE_WORDS[best]} predicts {channel} best: it misses by "
+                    f"{texts[best]}, {', '.join(others)}. What was found does not hold there; use "
+                    f"{DEVICE_WORDS[self.recommended]} there."
+                )
+            elif (1.0 - MIN_DIFFERENCE) * p.refitted > p.nominal:
+                sentences.append(
+                    f"On '{self.dataset_name}' the refitted numbers without the added effects predict {channel} worse "
+                    f"than the device as declared ({texts['without-effects']} instead of {texts['as-declared']}); with "
+                    f"them, the error is {texts['with-effects']}. Use the numbers only together with the effects there."
                 )
         return sentences
 
@@ -127,6 +164,15 @@ class TransferPrediction:
         }
 
 
+def _find_best(errors: Mapping[RecommendedDevice, float]) -> RecommendedDevice:
+    """Return the device with the smallest of ``errors``, the more complete one where two are equally good."""
+    best: RecommendedDevice = "with-effects"
+    for device in DEVICE_WORDS:
+        if errors[device] < (1.0 - MIN_DIFFERENCE) * errors[best]:
+            best = device
+    return best
+
+
 def _format_error(error: float, prediction: ChannelPrediction, channel: str) -> str:
     if not np.isfinite(error):
         return "a simulation that diverges"
@@ -138,6 +184,14 @@ def _format_error(error: float, prediction: ChannelPrediction, channel: str) -> 
 
 def _get_finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
+
+
+def summarize_predictions(predictions: Sequence[TransferPrediction]) -> list[dict[str, object]]:
+    """Return the entries of ``verdict.json``: dataset, device that predicts it best, and warnings."""
+    return [
+        {"dataset": prediction.dataset_name, "recommended": prediction.recommended, "warnings": prediction.warnings}
+        for prediction in predictions
+    ]
 
 
 def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> TransferPrediction:
@@ -185,7 +239,6 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
     return TransferPrediction(
         dataset_name=dataset.folder.resolve().name,
         channels=channels,
-        recommended="without-effects" if diagnosis.is_worse_on_test else "with-effects",
         numbers=_list_numbers(diagnosis.dataset, dataset, final_hypothesis, final_x, scaled_x, ratio),
         trials=tuple(
             PredictedTrial(

@@ -1,5 +1,6 @@
 """Content of ``verdict.json``."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.sparse_regression import format_formula
+from klute_sim.diagnosis.transfer import TransferPrediction, summarize_predictions
 from klute_sim.effects.families import instrument
 
 VERDICT_SCHEMA = "klute-sim-verdict/2"
@@ -48,8 +50,11 @@ def list_indistinguishable_pairs(diagnosis: Diagnosis) -> list[list[str]]:
     return [list(pair) for pair in sorted(pairs)]
 
 
-def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the content of ``verdict.json``: values in the units of their keys, residuals in those of the channels."""
+def verdict_to_dict(diagnosis: Diagnosis, predictions: Sequence[TransferPrediction] = ()) -> dict[str, Any]:
+    """Return the content of ``verdict.json``: values in the units of their keys, residuals in those of the channels.
+
+    ``predictions`` are those of other datasets.
+    """
     split, probabilities = diagnosis.split, estimate_probabilities(diagnosis)
     return {
         "schema": VERDICT_SCHEMA,
@@ -101,14 +106,9 @@ def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "next_experiment": diagnosis.next_experiment,
         "direct_measurements": [measurement.to_dict() for measurement in diagnosis.direct_measurements],
         "device_file": DEVICE_FILE_NAME if diagnosis.fitted_device is not None else None,
-        "recommended": _name_recommended_device(diagnosis),
+        "recommended": None if diagnosis.fitted_device is None else diagnosis.recommended_device,
+        "predictions": summarize_predictions(predictions),
     }
-
-
-def _name_recommended_device(diagnosis: Diagnosis) -> str | None:
-    if diagnosis.fitted_device is None:
-        return None
-    return "without-effects" if diagnosis.is_worse_on_test else "with-effects"
 
 
 def _list_fitted_numbers(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:

@@ -179,7 +179,11 @@ def _run_workflow(
     progress(0.95, "evaluating the test trials")
     evaluate_held_out(diagnosis, search.data)
     diagnosis.n_simulations = simulator.n_rollouts
-    diagnosis.fitted_device = augment_device(diagnosis.recommended_fit, dataset.folder.resolve().name)
+    diagnosis.fitted_device = (
+        dataset.device
+        if diagnosis.is_declared_best
+        else augment_device(diagnosis.recommended_fit, dataset.folder.resolve().name)
+    )
     progress(1.0, "done")
     return diagnosis
 

@@ -212,7 +212,7 @@ def is_at_bound(lower: float, upper: float, value: float) -> bool:
 
 def describe_numbers_at_bounds(diagnosis: Diagnosis) -> str:
     """Return in one sentence which numbers of the device are at a limit of the fit; '' without any."""
-    fit = diagnosis.recommended_fit if diagnosis.final_fit is not None else None
+    fit = diagnosis.base_fit if diagnosis.is_worse_on_test else diagnosis.final_fit
     if fit is None:
         return ""
     keys = [
@@ -272,9 +272,11 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
         return ""
     if diagnosis.dataset.rig == "mjcf":
         return "Use: the files of the devices and of the model in this folder hold the fitted numbers and the effects."
-    content = (
-        "the refitted numbers and the effects" if diagnosis.recommended_fit.hypothesis.terms else "the refitted numbers"
-    )
+    content = {
+        "as-declared": "the device as declared",
+        "without-effects": "the refitted numbers",
+        "with-effects": "the refitted numbers and the effects" if diagnosis.added_terms else "the refitted numbers",
+    }[diagnosis.recommended_device]
     return f"Use: device.toml in this folder holds {content}; 'klute-sim bench steps device.toml' simulates it."
 
 
