@@ -9,6 +9,10 @@ from benchmarks.robustness.plausibility.recordings import Variant, find_names, w
 
 from klute_sim.datasets.dataset import load_dataset
 from klute_sim.datasets.write import write_trial
+from klute_sim.device.device import parse_device
+from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.plausibility.finding import ImplausibleInputError
+from klute_sim.types import Array
 from tests.datasets.test_muscle_diameter import TEN_MM
 
 WRONG = list(wrong_trials.list_variants())
@@ -71,6 +75,14 @@ def test_a_fast_regulator_without_a_force_does_not_tell_another_unit(tmp_path: P
     assert load_dataset(tmp_path).accepted == ()
 
 
+def write_muscle_trial(folder: Path, resting_length: float, columns: dict[str, Array]) -> Path:
+    write_trial(folder / "trial.csv", columns)
+    (folder / "muscle.toml").write_text(TEN_MM.replace("= 200.0", f"= {resting_length}"), "utf-8")
+    head = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "muscle.toml"\n'
+    (folder / "dataset.toml").write_text(head + '[[trial]]\nfiles = ["trial.csv"]\n', "utf-8")
+    return folder
+
+
 def test_constant_load_needs_no_course_of_the_force(tmp_path: Path) -> None:
     """A muscle of 233 mm with conical ends lifts 150 N: its law is imperfect, the columns and pressures are right."""
     pressure_kpa = [207.0, 218.0, 267.0, 316.0, 365.0, 413.0, 462.0, 511.0, 560.0, 609.0, 620.0]
@@ -83,8 +95,18 @@ def test_constant_load_needs_no_course_of_the_force(tmp_path: Path) -> None:
         "pressure_command [kPa]": np.interp(instants, range(11), pressure_kpa),
         "force [N]": 150.0 + np.random.default_rng(0).normal(0.0, 0.6, len(time)),
     }
-    write_trial(tmp_path / "load.csv", columns)
-    (tmp_path / "muscle.toml").write_text(TEN_MM.replace("= 200.0", "= 233.0"), "utf-8")
-    head = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "muscle.toml"\n'
-    (tmp_path / "dataset.toml").write_text(head + '[[trial]]\nfiles = ["load.csv"]\n', "utf-8")
-    assert load_dataset(tmp_path).accepted == ()
+    assert load_dataset(write_muscle_trial(tmp_path, 233.0, columns)).accepted == ()
+
+
+def test_exchanged_columns_of_a_clamped_muscle_are_no_constant_load(tmp_path: Path) -> None:
+    """Force and length are exchanged: under force stands the constant length, 200 mm."""
+    time = np.arange(0.0, 6.0, 0.01)
+    pressure = np.interp(time, [0.0, 0.6, 3.0, 5.4, 6.0], [0.2e5, 0.2e5, 6e5, 0.2e5, 0.2e5])
+    length = np.full(len(time), 0.2)
+    tension = simulate_rollouts(parse_device(TEN_MM.encode(), "muscle").parameters, length, pressure, 0.01).tension
+    pressures = {"pressure_command [bar]": 1e-5 * pressure, "pressure [bar]": 1e-5 * pressure}
+    folder = write_muscle_trial(
+        tmp_path, 200.0, {"time [s]": time, "length [mm]": tension, "force [N]": 1e3 * length, **pressures}
+    )
+    with pytest.raises(ImplausibleInputError, match="columns of length and force seem exchanged"):
+        load_dataset(folder)

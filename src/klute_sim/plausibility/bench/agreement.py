@@ -75,8 +75,15 @@ def _find_window(trial: RecordedTrial, first: float, last: float, duration: floa
 
 
 def moves_under_load(trial: RecordedTrial) -> bool:
-    """Return whether the unit moves under a nearly constant force, as with a hanging weight."""
+    """Return whether the unit moves under a nearly constant force, as with a hanging weight.
+
+    All its lengths must be possible: in a clamped trial with exchanged columns, the force stands under length.
+    """
     if "force" not in trial.channels:
+        return False
+    possible = trial.limits.get_range("length")
+    shortest, longest = np.percentile(trial.get_samples("length").finite, [1.0, 99.0])
+    if not possible.low <= shortest <= longest <= possible.high:
         return False
     force = _clip_outliers(trial.get_samples("force").finite)
     span = MIN_RELATIVE_FORCE_RANGE * float(np.median(np.abs(force)))
