@@ -203,6 +203,13 @@ def test_empty_cell_is_a_missing_sample(tmp_path: Path, cell: str) -> None:
     assert np.isnan(result.columns["force"]).tolist() == [True, False]
 
 
+@pytest.mark.parametrize("end", ["\n\n", "  \n\t\n", ",\n,\n", " , ", "\r\n,\r\n", ",\r,\r"])
+def test_empty_rows_at_the_end_are_no_samples(tmp_path: Path, end: str) -> None:
+    result = read(tmp_path, f"time [s],force [N]\n1,2\n2,\n{end}")
+    assert result.columns["time"].tolist() == [1.0, 2.0]
+    assert np.isnan(result.columns["force"]).tolist() == [False, True]
+
+
 def test_row_location_is_the_line_number_in_an_editor(tmp_path: Path) -> None:
     result = read(tmp_path, "\n\ntime [s],force [N]\r\n1,2\n\n3,4\n")
     assert [result.locate_row(0), result.locate_row(1)] == ["line 4", "line 6"]
@@ -218,6 +225,8 @@ HEAD = "time [s],force [N]\n"
         (" \n\n", "is empty"),
         (b"\xef\xbb\xbf", "is empty"),
         (b"\x7fELF\x00\x01\x02\n1,2\n", "is neither text nor Parquet nor a MAT-file; allowed"),
+        (b"PK\x03\x04\x14\x00\x06\x00", "is a spreadsheet or an archive; save the sheet as CSV"),
+        (HEAD + "1,2\n" + HEAD + "3,4\n", "line 3 repeats the heading; delete it, or write each recording into its"),
         ("time [s],force [N]\n1,2\n".encode("utf-16")[:-1], "is damaged UTF-16 text; save it as UTF-8"),
         (b"time [s],force [\xb0]\n1,2\n", "column 'force [°]' has a unit of the wrong kind"),
         ("1,2\n3,4\n", "has no heading: the first line must name the columns, such as 'time [s]'"),

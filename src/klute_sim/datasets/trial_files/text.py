@@ -25,6 +25,8 @@ from klute_sim.types import Array
 
 BOM = b"\xef\xbb\xbf"
 """Byte order mark of UTF-8."""
+_ZIP = b"PK\x03\x04"
+"""Beginning of a ZIP archive, which .xlsx and .ods files are."""
 UTF16_BOMS = (b"\xff\xfe", b"\xfe\xff")
 """Byte order marks of UTF-16, which spreadsheet programs call Unicode text."""
 
@@ -34,6 +36,8 @@ _CERTAIN_DECIMAL_COMMA = r"^\s*[+-]?(0\d*|\d{4,})?,|,(\d{0,2}|\d{4,})\s*$|[eE]"
 """A comma that cannot separate thousands, for RE2."""
 _MISSING_VALUES = [" " * width for width in range(33)]
 """Empty cells, with or without padding by blanks."""
+_EMPTY_CELLS = b" \t,;"
+"""Bytes of a row in which all cells are empty."""
 _ERRORS = (pa.ArrowException, OSError, ValueError)
 
 
@@ -141,6 +145,8 @@ class DelimitedText:
                 cells = next(csv.reader([line], delimiter=self.delimiter), [])
             except csv.Error as error:
                 return f"line {number} cannot be read: {error}"
+            if [cell.strip() for cell in cells] == list(self.headings):
+                return f"line {number} repeats the heading; delete it, or write each recording into its own file"
             if len(cells) != n_columns:
                 has_comma = len(cells) > n_columns and self.delimiter == ","
                 fix = "; write decimal points, not commas, or separate cells by semicolons" if has_comma else ""
@@ -177,6 +183,8 @@ def parse_delimited_text(
             content = content.decode("utf-16").encode()
         except UnicodeError:
             raise InputError(f"trial file {source} is damaged UTF-16 text; save it as UTF-8") from None
+    if content.startswith(_ZIP):
+        raise InputError(f"trial file {source} is a spreadsheet or an archive; save the sheet as CSV")
     if b"\0" in content:
         raise InputError(
             f"trial file {source} is neither text nor Parquet nor a MAT-file; allowed: CSV (UTF-8, or UTF-16 with a "
@@ -187,11 +195,22 @@ def parse_delimited_text(
     if not content.strip():
         raise InputError(f"trial file {source} is empty")
     heading = find_heading(content, source, heading_row, is_known)
-    body = content[heading.n_bytes :]
+    body = _remove_empty_end(content[heading.n_bytes :])
     has_remark = heading.has_preamble and heading_row is None
     return DelimitedText(
         source, heading.cells, heading.delimiter, body, heading.first_row_line, heading.line, has_remark
     )
+
+
+def _remove_empty_end(body: bytes) -> bytes:
+    """Return ``body`` without rows of empty cells at its end, as spreadsheets write them."""
+    end = len(body)
+    while end > 0:
+        start = max(body.rfind(b"\n", 0, end), body.rfind(b"\r", 0, end)) + 1
+        if body[start:end].strip(_EMPTY_CELLS):
+            break
+        end = start - 1
+    return body[: max(end, 0)]
 
 
 def _describe_cell_error(cell: str, *, allows_comma: bool) -> str | None:

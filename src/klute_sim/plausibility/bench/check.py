@@ -35,6 +35,8 @@ TIE = 0.02
 def check_bench_trials(trials: Sequence[RecordedTrial]) -> list[Finding]:
     """Return what is implausible in ``trials``."""
     findings = [finding for trial in trials for finding in check_bench_trial(trial)]
+    # A wrong unit of time makes every simulation of a trial meaningless, so what else one seems to show is not told.
+    findings = [finding for finding in findings if finding.name == "time-unit"] or findings
     return findings or check_all_commands([trial for trial in trials if not _explains_force(trial)])
 
 
