@@ -53,7 +53,9 @@ def select_by_prediction(
     seen = data.with_experiments([e for e in experiments if e.use != "test" and e.measured.keys() & data.noise])
     (residuals,) = seen.compute_residuals(best_fit.hypothesis, [best_fit.x])
     weighted = weight_by_law_error(data, seen.experiments, residuals)
-    selection = PredictiveSelection(weighted, dict(data.noise), search.candidate_terms, report_stage)
+    # Without repeats, the noise of the data is the misfit itself.
+    repeat_noise = dict(data.noise) if search.has_repeats else {}
+    selection = PredictiveSelection(weighted, repeat_noise, search.candidate_terms, report_stage)
     known = [fit.hypothesis.terms for step in search.history for fit in step.refits[:1] if step.added_term]
     base = replace(best_fit.hypothesis, terms=())
     base_fit = fit_hypothesis(weighted, base)
