@@ -31,6 +31,9 @@ from klute_sim.types import Array
 
 PROBE_FRACTION = 0.3
 """Fraction of its typical size at which an effect is probed."""
+SUPPLY_PROBES = 3.0, 30.0
+"""Sizes, over the typical one, at which effects are probed as well where only the pressure was measured (assumed: a
+needle valve that fills a thin muscle in seconds resists thirty times as much as the typical valve of a pair)."""
 PRIOR_DEVIATION_SIGMAS = 1.5
 """Deviation of a device's number from its prior [standard deviations] above which effects are also probed there."""
 MIN_PRIOR_GAIN_FRACTION, MAX_PRIOR_CANDIDATES = 0.5, 3
@@ -183,7 +186,12 @@ def screen_candidates(
     """
     n_known, n_device = len(current.x), current.hypothesis.n_device_parameters
     current_point = _LinearizationPoint(current.x, current.weighted_residuals, current.jacobian)
-    probes = [(term, PROBE_FRACTION, np.zeros(n_known)) for term in terms]
+    sizes = (PROBE_FRACTION, *SUPPLY_PROBES) if is_supply_only(data.experiments) else (PROBE_FRACTION,)
+    probes = [
+        (term, size, np.zeros(n_known))
+        for term in terms
+        for size in (sizes if term.channel is None and term.number is None else sizes[:1])
+    ]
     candidates = _evaluate_probes(data, current.hypothesis, current_point, probes, report_divergence)
     full_size_probes: list[tuple[EffectTerm, float, Array]] = []
     for candidate in candidates:

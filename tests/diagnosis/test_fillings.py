@@ -1,0 +1,59 @@
+"""Fillings of a muscle of which only the pressure was recorded: the supply is judged, as in measured fillings."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.datasets.dataset import load_dataset
+from klute_sim.datasets.write import write_trial
+from klute_sim.device.device import parse_device
+from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.diagnosis.result import DiagnosisOptions
+from klute_sim.diagnosis.workflow import diagnose
+from tests.datasets.test_muscle_diameter import TEN_MM
+
+INTERVAL = 0.01
+NOISE_PA = 400.0
+RESISTANCE = 100.0
+"""Resistance of a needle valve that fills a thin muscle in seconds [s bar/dm3]; the catalogue's typical one is 4."""
+
+
+def write_fillings(folder: Path, n_repeats: int) -> Path:
+    """Write fillings of a clamped muscle through a needle valve of which the device file says nothing."""
+    device = parse_device(TEN_MM.encode(), "10 mm muscle").with_effect(
+        "choked_valve", form="symmetric", resistance_s_bar_per_dm3=RESISTANCE, critical_ratio=0.3
+    )
+    time = INTERVAL * np.arange(600)
+    command = np.where(time < 0.5, 0.0, 6e5)
+    length = np.full(len(time), 0.2)
+    pressure = simulate_rollouts(device.parameters, length, command, INTERVAL).pressure
+    (folder / "muscle.toml").write_text(TEN_MM, "utf-8")
+    lines = ['format = "klute-sim-dataset/2"', 'rig = "bench"', 'device = "muscle.toml"']
+    rng = np.random.default_rng(0)
+    for repeat in range(n_repeats):
+        columns = {"time [s]": time, "length [mm]": 1e3 * length, "pressure_command [bar]": 1e-5 * command}
+        noisy = pressure + rng.normal(0.0, NOISE_PA, len(time))
+        write_trial(folder / f"fill_{repeat}.csv", columns | {"pressure [bar]": 1e-5 * noisy})
+        lines += ["[[trial]]", f'files = ["fill_{repeat}.csv"]', 'group = "fill"']
+    (folder / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n_repeats", [1, 2])
+def test_needle_valve_of_a_filling_is_found(n_repeats: int, tmp_path: Path) -> None:
+    """Its resistance is 25 times the typical one, at which a thin muscle fills between two samples."""
+    diagnosis = diagnose(load_dataset(write_fillings(tmp_path, n_repeats)), DiagnosisOptions())
+    names = {term.effect for term in diagnosis.added_terms}
+    assert "choked_valve" in names, diagnosis.reasons
+    assert diagnosis.verdict in ("identified", "identified-in-part", "indistinguishable")
+    assert diagnosis.final_fit is not None
+    values = {
+        p.name: v for p, v in zip(diagnosis.final_fit.hypothesis.parameters, diagnosis.final_fit.values, strict=True)
+    }
+    assert values["resistance_s_bar_per_dm3"] == pytest.approx(RESISTANCE, rel=0.05)
+    gap = diagnosis.channel_rms["pressure"]
+    assert gap.with_effects < 0.02 * gap.refitted
+    if diagnosis.prediction is not None:
+        assert 0.9 < diagnosis.prediction.share <= 1.0
