@@ -98,15 +98,32 @@ def test_constant_load_needs_no_course_of_the_force(tmp_path: Path) -> None:
     assert load_dataset(write_muscle_trial(tmp_path, 233.0, columns)).accepted == ()
 
 
-def test_exchanged_columns_of_a_clamped_muscle_are_no_constant_load(tmp_path: Path) -> None:
-    """Force and length are exchanged: under force stands the constant length, 200 mm."""
+def simulate_filling() -> dict[str, Array]:
+    """Return a slow filling of a clamped muscle: columns in s, mm, bar and N."""
     time = np.arange(0.0, 6.0, 0.01)
     pressure = np.interp(time, [0.0, 0.6, 3.0, 5.4, 6.0], [0.2e5, 0.2e5, 6e5, 0.2e5, 0.2e5])
     length = np.full(len(time), 0.2)
     tension = simulate_rollouts(parse_device(TEN_MM.encode(), "muscle").parameters, length, pressure, 0.01).tension
     pressures = {"pressure_command [bar]": 1e-5 * pressure, "pressure [bar]": 1e-5 * pressure}
-    folder = write_muscle_trial(
-        tmp_path, 200.0, {"time [s]": time, "length [mm]": tension, "force [N]": 1e3 * length, **pressures}
-    )
+    return {"time [s]": time, "length [mm]": 1e3 * length, "force [N]": tension, **pressures}
+
+
+def test_exchanged_columns_of_a_clamped_muscle_are_no_constant_load(tmp_path: Path) -> None:
+    """Force and length are exchanged: under force stands the constant length, 200 mm."""
+    columns = simulate_filling()
+    exchanged = {**columns, "length [mm]": columns["force [N]"], "force [N]": columns["length [mm]"]}
     with pytest.raises(ImplausibleInputError, match="columns of length and force seem exchanged"):
+        load_dataset(write_muscle_trial(tmp_path, 200.0, exchanged))
+
+
+@pytest.mark.parametrize(("volts_per_newton", "match"), [(0.01, "100 times the size: is it a voltage"), (0.5, "")])
+def test_uncalibrated_force_is_told(volts_per_newton: float, match: str, tmp_path: Path) -> None:
+    """No unit is a hundredth of a newton; a muscle of half the strength is possible."""
+    columns = simulate_filling()
+    columns["force [N]"] = volts_per_newton * columns["force [N]"]
+    folder = write_muscle_trial(tmp_path, 200.0, columns)
+    if not match:
+        assert load_dataset(folder).accepted == ()
+        return
+    with pytest.raises(ImplausibleInputError, match=match):
         load_dataset(folder)

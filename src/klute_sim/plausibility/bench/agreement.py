@@ -20,6 +20,9 @@ MAX_SCALE = 3.0
 twice or half the strength is possible; the closest units, newton and pound, differ by 4.4)."""
 MIN_SCALE_CORRELATION = 0.8
 """Smallest correlation with which the ratio of ranges is a ratio of scales."""
+MIN_CALIBRATION, MIN_CALIBRATION_CORRELATION = 20.0, 0.95
+"""Smallest ratio of scales, and smallest correlation with the simulation, of a force that was never calibrated
+(assumed)."""
 MIN_RELATIVE_FORCE_RANGE, MIN_LENGTH_RANGE = 0.15, 1e-3
 """Smallest range of a simulated force, relative to its level, and of a simulated muscle length [m] whose course can be
 compared."""
@@ -117,6 +120,20 @@ def compare_trial(
         if misfit is not None:
             agreements[name] = Agreement(misfit, expected, _compute_scale_error(measured, expected))
     return agreements
+
+
+def find_calibration(trial: RecordedTrial, agreement: Agreement) -> float | None:
+    """Return the factor from measured to simulated force where both have one course and scales of no common unit."""
+    channel, response_size = trial.channels["force"], len(agreement.simulated)
+    measured = channel.samples.value[np.isfinite(channel.samples.value)][:response_size]
+    if len(measured) != response_size or agreement.scale_error < math.log(MIN_CALIBRATION):
+        return None
+    largest = float(np.percentile(np.abs(agreement.simulated), 95.0))
+    if compute_span(agreement.simulated) < MIN_RELATIVE_FORCE_RANGE * largest:
+        return None
+    if compute_correlation(measured, agreement.simulated) < MIN_CALIBRATION_CORRELATION:
+        return None
+    return compute_span(agreement.simulated) / compute_span(measured)
 
 
 def _compute_scale_error(measured: Array, expected: Array) -> float:

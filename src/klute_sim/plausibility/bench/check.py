@@ -6,7 +6,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from klute_sim.plausibility.bench import time_axis
-from klute_sim.plausibility.bench.agreement import Agreement, compare_trial, moves_under_load, simulate_trial
+from klute_sim.plausibility.bench.agreement import (
+    Agreement,
+    compare_trial,
+    find_calibration,
+    moves_under_load,
+    simulate_trial,
+)
 from klute_sim.plausibility.bench.causality import leads
 from klute_sim.plausibility.bench.dropouts import check_dropouts
 from klute_sim.plausibility.bench.magnitudes import check_all_commands, check_magnitudes, check_missing_value_codes
@@ -89,7 +95,19 @@ def _search_mistake(trial: RecordedTrial, *, has_wrong_range: bool) -> list[Find
     if time_axis.is_impossible(interval, duration) and not has_wrong_range and misfit > MIN_MISFIT:
         candidates = list(list_time_units(trial))
         return list(candidates[0].findings) if candidates else [time_axis.describe_time_unit(trial, "")]
-    return []
+    return [] if has_wrong_range else _check_calibration(trial, agreements)
+
+
+def _check_calibration(trial: RecordedTrial, agreements: dict[str, Agreement]) -> list[Finding]:
+    """Return a finding for a force that has the simulated course and a scale that no unit explains."""
+    factor = find_calibration(trial, agreements["force"]) if "force" in agreements else None
+    if factor is None:
+        return []
+    statement = (
+        f"force is {trial.format_channel('force')}, but {{simulated_force}}, with the same course and {factor:.3g} "
+        "times the size: is it a voltage or a raw reading? State its calibration in [columns]"
+    )
+    return [_complete(Finding("force-unit", trial.place, statement), trial, agreements)]
 
 
 def _simulate_changed(trial: RecordedTrial, response: Response | None, changed: RecordedTrial) -> Response | None:
