@@ -1,5 +1,6 @@
 """Pressures that are commands, and repeats that drift; neither is reported of clean data."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,13 @@ from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.recording_faults import find_copied_pressures, find_drifting_repeats
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.recording_faults import (
+    find_copied_pressures,
+    find_drifting_repeats,
+    suspect_absolute_pressures,
+)
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats, write_dataset
 
 
@@ -119,3 +126,30 @@ def test_warming_up_is_reported(tmp_path: Path) -> None:
     (remark,) = [remark for remark in remarks if "drifts" in remark]
     assert remark.startswith("From the first to the last of the repeats of all 3 groups, force drifts by -")
     assert "record repeats in random order" in remark
+
+
+@pytest.mark.parametrize(
+    ("threshold_bar", "lowest_bar", "is_suspected"),
+    [(1.02, 1.01, True), (1.11, 1.21, True), (1.02, 0.0, False), (0.4, 1.2, False), (2.0, 1.2, False)],
+)
+def test_threshold_of_one_atmosphere_is_suspected_to_be_absolute_pressure(
+    threshold_bar: float, lowest_bar: float, is_suspected: bool, tmp_path: Path
+) -> None:
+    dataset = load_dataset(write_dataset(tmp_path / "data", groups=("fit_1",), seconds=1.0))
+    commands = [trial.prescribed["pressure_command"] for trial in dataset.trials]
+    trials = [
+        replace(
+            trial,
+            prescribed={
+                **trial.prescribed,
+                "pressure_command": command._replace(value=1e5 * lowest_bar + np.abs(command.value)),
+            },
+        )
+        for trial, command in zip(dataset.trials, commands, strict=True)
+    ]
+    hypothesis = Hypothesis(dataset.device, (), (), (EffectTerm("threshold_pressure", "constant"),))
+    x = np.array([hypothesis.parameters[0].normalize(threshold_bar)])
+    fit = Fit(hypothesis, x, np.zeros(1), np.ones((1, 1)), True, [])
+    sentence = suspect_absolute_pressures(trials, fit)
+    assert ("subtract 1.013 bar" in sentence) == is_suspected
+    assert bool(sentence) == is_suspected

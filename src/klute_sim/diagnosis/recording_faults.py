@@ -8,7 +8,9 @@ import numpy as np
 
 from klute_sim.datasets.trial import Trial
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
+from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.noise.repeats import Residuals, align_repeats, list_channels
+from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
 
 COMMAND_TOLERANCE = 1e-4
 """Difference between pressure and command, relative to the largest command, up to which they are the same number
@@ -17,6 +19,11 @@ MIN_EQUAL_FRACTION = 0.99
 """Fraction of the samples of a pressure that equal the command where it is a copy; steps may fall between samples."""
 MIN_COMMAND = 0.5e5
 """Largest command [Pa] below which a vented gauge equals its command by right (assumed)."""
+ATMOSPHERE_TOLERANCE = 0.15
+"""Largest deviation of a threshold from the pressure of the atmosphere, which other effects of the muscle bias, and of
+the atmosphere from its usual pressure (assumed: laboratories up to 1300 m)."""
+THRESHOLD_PRESSURE = "threshold_pressure"
+"""Effect with the trace of absolute pressures."""
 MAX_ORDER_PROBABILITY = 0.02
 """Largest probability that exchangeable repeats have the observed order by chance (assumed)."""
 
@@ -45,6 +52,31 @@ def describe_copied_pressures(names: Sequence[str], n_trials: int) -> str:
     return (
         f"'pressure' equals 'pressure_command' {place}: it is the command and not a measurement, so it is not used. "
         "Record a gauge at the device."
+    )
+
+
+def suspect_absolute_pressures(trials: Sequence[Trial], fit: Fit) -> str:
+    """Return a sentence where a threshold that ``fit`` holds is the atmosphere of absolute pressures; '' elsewhere.
+
+    Both pressures and their difference agree with the device then, and only the tension lacks the work of one
+    atmosphere, exactly as with a constant threshold.
+    """
+    thresholds = [
+        value
+        for parameter, value in zip(fit.hypothesis.parameters, fit.values, strict=True)
+        if parameter.term_index is not None
+        and fit.hypothesis.terms[parameter.term_index].effect == THRESHOLD_PRESSURE
+        and parameter.name == "pressure_bar"
+    ]
+    series = [trial.prescribed.get("pressure_command") or trial.measured.get("pressure") for trial in trials]
+    lowest = min((float(np.nanmin(each.value)) for each in series if each is not None), default=0.0)
+    if not thresholds or lowest < (1.0 - ATMOSPHERE_TOLERANCE) * ATMOSPHERIC_PRESSURE:
+        return ""
+    if abs(1e5 * thresholds[0] / ATMOSPHERIC_PRESSURE - 1.0) > ATMOSPHERE_TOLERANCE:
+        return ""
+    return (
+        f"A threshold of {thresholds[0]:.3g} bar is about the pressure of the atmosphere, and no recorded pressure is "
+        "below it: the pressures may be absolute. If they are, subtract 1.013 bar from them and diagnose again."
     )
 
 

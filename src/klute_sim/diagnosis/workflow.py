@@ -43,6 +43,7 @@ from klute_sim.diagnosis.planning.direct_measurements import list_direct_measure
 from klute_sim.diagnosis.planning.gait_proposals import propose_gait_experiment
 from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
 from klute_sim.diagnosis.planning.proposals import propose_experiment
+from klute_sim.diagnosis.recording_faults import suspect_absolute_pressures
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.localization import locate_misfit
@@ -143,6 +144,7 @@ def _run_workflow(
     fit = selected.final_fit
     names = [parameter.name for parameter in fit.hypothesis.parameters]
     reasons += describe_registration(zip(names, fit.values, selected.confidence_intervals, strict=True))
+    reasons += filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
     if not selected.has_converged:
         reasons.append("A fit restarted from another point converged elsewhere; treat the values with caution.")
     final_fit, equivalent_models = selected.final_fit, selected.equivalent_models
