@@ -1,5 +1,7 @@
 """Mistakes in a dataset or model of a mechanism end in one sentence on the command line."""
 
+import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -11,12 +13,19 @@ from tests import command_line as command
 from tests.diagnosis import synthetic_joint_dataset as joint
 
 
-def diagnose(folder: Path) -> str:
-    done = command.run("diagnose", str(folder), "--no-report", "--out", "found", cwd=folder.parent)
-    assert done.returncode != 0
+def refuse(*arguments: str, cwd: Path) -> str:
+    """Return the only line that the command prints; it leaves no file."""
+    files = set(cwd.iterdir())
+    done = command.run(*arguments, "--out", "found", cwd=cwd)
+    assert done.returncode == 2
     assert done.stdout == ""
-    (sentence,) = done.stderr.strip().splitlines()
+    assert set(cwd.iterdir()) == files
+    (sentence,) = [line for line in done.stderr.strip().splitlines() if ": ignored columns " not in line]
     return sentence
+
+
+def diagnose(folder: Path) -> str:
+    return refuse("diagnose", str(folder), "--no-report", cwd=folder.parent)
 
 
 def edit(folder: Path, old: str, new: str) -> None:
@@ -26,40 +35,128 @@ def edit(folder: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new))
 
 
+@pytest.fixture(scope="module")
+def valid_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return joint.write_dataset(tmp_path_factory.mktemp("valid") / "data", groups=("fit_1",), repeats=1, seconds=1.5)
+
+
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return joint.write_dataset(tmp_path / "data", groups=("fit_1",), repeats=1, seconds=1.5)
+def folder(valid_dataset: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(valid_dataset, tmp_path / "data")
 
 
-def test_model_that_diverges(folder: Path) -> None:
-    edit(folder, "[numbers]\n", '[numbers]\n"model.joint.joint.stiffness" = -1e9\n')
-    sentence = diagnose(folder)
-    assert "antagonist_joint.xml diverges: actuator 'flexor' has no finite state at t = " in sentence
-    assert "; use a shorter time step, and check the numbers, stops and contacts of the model" in sentence
+MODEL = load_model_file("antagonist_joint").content.decode()
+MODEL_MISTAKES = {
+    "is no XML: no element found": "",
+    "is no XML: unclosed token": MODEL[:2000],
+    "unrecognized attribute: 'nonsense'": MODEL.replace("<joint name", '<joint nonsense="1" name'),
+    "cannot be compiled (geom 'nowhere' not found in tendon 0": MODEL.replace(
+        'geom geom="pulley"', 'geom geom="nowhere"'
+    ),
+    "cannot be compiled (mass and inertia of moving bodies": re.sub(r'mass="(1|0\.5|0\.1)"', 'mass="0"', MODEL),
+    "cannot be compiled (Error opening file 'lever.stl')": MODEL.replace("<asset>", '<asset><mesh file="lever.stl"/>'),
+    "refers to '../lever.stl', which is outside its folder": MODEL.replace(
+        "<asset>", '<asset><mesh file="../lever.stl"/>'
+    ),
+    "refers to '../other.xml', which is outside its folder": MODEL.replace(
+        "<worldbody>", '<include file="../other.xml"/><worldbody>'
+    ),
+    "includes a file that is missing: ": MODEL.replace("<worldbody>", '<include file="other.xml"/><worldbody>'),
+    "has an <include> without file": MODEL.replace("<worldbody>", "<include/><worldbody>"),
+    "allowed: Euler, implicit, implicitfast": MODEL.replace("implicitfast", "RK4"),
+    "carries the actuator 'motor' of MuJoCo beside a device": MODEL.replace(
+        "</mujoco>", '<actuator><motor name="motor" tendon="flexor"/></actuator></mujoco>'
+    ),
+}
+"""Part of the sentence -> content of the MJCF file."""
 
 
-def test_tendon_without_device(folder: Path) -> None:
-    edit(folder, "[numbers]\n", "[devices.biceps]\n[numbers]\n")
-    assert "[devices] names the tendon 'biceps'; the tendons are: flexor, extensor" in diagnose(folder)
-
-
-def test_channel_bound_to_nothing(folder: Path) -> None:
-    edit(folder, "'angle_joint'", "'angle_elbow'")
-    table = folder / "fit_1_0.csv"
-    table.write_text(table.read_text().replace("angle_joint", "angle_elbow"))
-    assert "the channel 'angle_elbow' belongs to no hinge joint; there are: joint" in diagnose(folder)
-
-
-def test_include_outside_the_folder(folder: Path) -> None:
-    text = load_model_file("antagonist_joint").content.decode()
-    (folder.parent / "other.xml").write_text("<mujocoinclude/>")
-    (folder / "elbow.xml").write_text(text.replace("<worldbody>", '<include file="../other.xml"/><worldbody>'))
+@pytest.mark.parametrize("part", MODEL_MISTAKES)
+def test_model_that_is_refused(folder: Path, part: str) -> None:
+    (folder / "elbow.xml").write_text(MODEL_MISTAKES[part])
     edit(folder, 'model = "antagonist_joint"', 'model = "elbow.xml"')
-    assert "refers to '../other.xml', which is outside its folder" in diagnose(folder)
+    assert part in diagnose(folder)
+
+
+@pytest.mark.parametrize("part", [part for part in MODEL_MISTAKES if "outside" in part or "cannot be" in part])
+@pytest.mark.parametrize("arguments", [("bench", "joint", "steps"), ("export", "klute-3-4-pair", "--format", "mjcf")])
+def test_model_that_is_refused_elsewhere(tmp_path: Path, arguments: tuple[str, ...], part: str) -> None:
+    (tmp_path / "elbow.xml").write_text(MODEL_MISTAKES[part])
+    assert part in refuse(*arguments, "--model", "elbow.xml", cwd=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("number", "part"),
+    [
+        ("model.geom.load.mass = -1", "cannot be compiled with its changed numbers (mass, inertia or density are neg"),
+        ("model.joint.elbow.damping = 1", "'model.joint.elbow.damping' is not a number of the model"),
+        ("model.joint.joint.stiffness = -1e9", "antagonist_joint.xml diverges: actuator 'flexor' has no finite state"),
+        ("model.option.gravity_z = -1e12", "antagonist_joint.xml diverges: its motion is not finite after t = 0.0"),
+    ],
+)
+def test_number_that_the_model_cannot_have(
+    folder: Path, capfd: pytest.CaptureFixture[str], number: str, part: str
+) -> None:
+    name, value = number.split(" = ")
+    edit(folder, "[numbers]\n", f'[numbers]\n"{name}" = {value}\n')
+    assert part in diagnose(folder)
+    assert part in refuse("bench", "joint", "steps", "--set", f"{name}={value}", cwd=folder.parent)
+    assert capfd.readouterr() == ("", "")  # MuJoCo itself prints nothing
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "part"),
+    [
+        (
+            "[numbers]\n",
+            "[devices.biceps]\n[numbers]\n",
+            "[devices] names the tendon 'biceps'; the tendons are: flexor, ext",
+        ),
+        (
+            "[numbers]\n",
+            "[devices.flexor]\n[numbers]\n",
+            "'pressure_command_extensor' belongs to no device; there are: fl",
+        ),
+        (
+            "[uncertain]\n",
+            '[uncertain]\n"model.joint.elbow.damping" = 1\n',
+            "names 'model.joint.elbow.damping', which is not",
+        ),
+        ("[uncertain]\n", '[uncertain]\n"biceps/muscle.c10_kpa" = 1\n', "names 'biceps/muscle.c10_kpa', which is not"),
+        ("angle_joint", "angle_elbow", "'angle_elbow' belongs to no hinge joint; there are: joint"),
+        ("angle_joint", "position_joint", "'position_joint' belongs to no slide joint"),
+        ("angle_joint", "site_x_hand", "'site_x_hand' belongs to no site; there are: flexor_origin"),
+        ("angle_joint", "sensor_angle_encoder", "'sensor_angle_encoder' belongs to no sensor"),
+        ("angle_joint", "force_biceps", "'force_biceps' belongs to no device; there are: flexor, extensor"),
+        ("angle_joint", "torque_joint", "'torque_joint' is not of the form <quantity>_<object>"),
+    ],
+)
+def test_name_of_nothing(folder: Path, old: str, new: str, part: str) -> None:
+    edit(folder, old, new)
+    if old == "angle_joint":
+        unit = {"force": "N", "angle": "deg", "sensor": "deg"}.get(new.split("_")[0], "mm")
+        table = folder / "fit_1_0.csv"
+        table.write_text(table.read_text().replace("angle_joint [deg]", f"{new} [{unit}]"))
+    assert part in diagnose(folder)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "part"),
+    [
+        ("angle_joint [deg]", "angle_joint", "'angle_joint' has no unit in square brackets"),
+        ("angle_joint [deg]", "angle_joint [N]", "'angle_joint [N]' has a unit of the wrong kind; allowed: deg, rad"),
+        ("time [s]", "clock [s]", "has no column 'time [s]'"),
+        ("pressure_command_flexor", "p1", "the prescribed channel 'pressure_command_flexor' is missing"),
+    ],
+)
+def test_column_that_is_missing_or_has_another_unit(folder: Path, old: str, new: str, part: str) -> None:
+    table = folder / "fit_1_0.csv"
+    table.write_text(table.read_text().replace(old, new))
+    assert part in diagnose(folder)
 
 
 def test_tendons_without_names(folder: Path) -> None:
-    text = load_model_file("antagonist_joint").content.decode()
+    text = MODEL
     for name in joint.TENDONS:
         text = text.replace(f'<spatial name="{name}"', "<spatial")
     (folder / "elbow.xml").write_text(text)

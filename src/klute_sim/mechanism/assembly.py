@@ -1,7 +1,8 @@
 """A mechanism: an MJCF model with devices on its tendons, and the objects that its channels belong to."""
 
 import copy
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -18,7 +19,7 @@ from klute_sim.plant import models
 from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.coupling import N_BASE_STATES
 from klute_sim.plant.mjcf.model_effects import JOINT_TYPES, ModelEffect, apply_model_effects
-from klute_sim.plant.mjcf.model_file import ModelFile
+from klute_sim.plant.mjcf.model_file import ModelFile, describe_model_error
 from klute_sim.plant.mjcf.model_numbers import set_model_numbers
 from klute_sim.types import Array
 
@@ -211,10 +212,20 @@ def _compile(
             drives.add_drive(spec, spec.joint(binding.name))
         elif binding.channel.quantity.startswith("external"):
             drives.add_load(spec, spec.joint(binding.name))
-    try:
+    with _report_compilation(mechanism):
         return models.attach_devices(spec, actuators)
+
+
+@contextmanager
+def _report_compilation(mechanism: Mechanism) -> Iterator[None]:
+    """Raise InputError where MuJoCo cannot compile the model, whose file alone it can compile."""
+    try:
+        yield
     except ValueError as error:
-        raise InputError(f"the model {mechanism.file.path} cannot be compiled: {error}") from None
+        raise InputError(
+            f"the model {mechanism.file.path} cannot be compiled with its changed numbers "
+            f"({describe_model_error(error)}); correct them"
+        ) from None
 
 
 def _remove_textures(spec: mujoco.MjSpec) -> None:
@@ -253,11 +264,13 @@ def compute_unit_lengths(
 ) -> dict[str, Array]:
     """Return tendon -> length [m] at joint ``positions`` (joint -> m or rad, one value per sample).
 
-    Other joints stay where the model has them; ``numbers`` changes numbers of the model.
+    Other joints stay where the model has them; ``numbers`` changes numbers of the model. Raises InputError when the
+    model cannot be compiled with them.
     """
     spec = mechanism.spec.copy()
     set_model_numbers(spec, numbers)
-    model = compile_model(spec)
+    with _report_compilation(mechanism):
+        model = compile_model(spec)
     data = mujoco.MjData(model)
     tendons = {name: model.tendon(name).id for name in mechanism.device_names}
     n_samples = max((len(values) for values in positions.values()), default=1)

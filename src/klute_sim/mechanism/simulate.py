@@ -32,6 +32,7 @@ from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.plant.batch import create_batch, step_batch
 from klute_sim.plant.coupling import N_BASE_STATES
 from klute_sim.plant.mjcf.model_effects import ModelEffect, list_resistance_actuators
+from klute_sim.plant.mujoco_warnings import silence_warnings
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
@@ -198,7 +199,7 @@ def simulate_mechanism(
         for name, position in schedule.initial_positions.items():
             data.joint(name).qpos[0] = position
         try:
-            with callbacks.device_callbacks(backend) as used_backend:
+            with silence_warnings(), callbacks.device_callbacks(backend) as used_backend:
                 held = *mechanism.driven_joints, *moving
                 move_to_rest(model, data, actuators, schedule.initial_pressures, schedule.resting_controls, held)
                 for name, speed in {**schedule.initial_speeds, **moving}.items():

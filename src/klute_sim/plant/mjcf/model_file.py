@@ -10,6 +10,7 @@ import mujoco
 from klute_sim.errors import InputError, suggest
 from klute_sim.files.limits import MJCF
 from klute_sim.files.reading import MissingFileError, read_bytes
+from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.models import get_models_folder
 
 MODEL_NAMES = ("antagonist_joint", "hanging_mass", "knee_jig")
@@ -42,21 +43,23 @@ class ModelFile:
         try:
             return mujoco.MjSpec.from_file(str(self.path))
         except ValueError as error:
-            raise InputError(f"MJCF file {self.path} is no model: {_first_line(error)}") from None
+            raise InputError(f"MJCF file {self.path} is no model: {describe_model_error(error)}") from None
 
 
 def load_model_file(name_or_path: str | Path) -> ModelFile:
     """Return the model of the package with that name, or the MJCF file at that path.
 
-    Raises InputError when there is no such file, it is no MJCF model, it refers to a file outside its folder, or its
-    integrator cannot advance a device.
+    Raises InputError when there is no such file, it is no MJCF model, it refers to a file outside its folder, its
+    integrator cannot advance a device, or MuJoCo cannot compile it.
     """
     name = str(name_or_path)
     path = get_models_folder() / f"{name}.xml" if name in MODEL_NAMES else Path(name)
     digest = hashlib.sha256()
     try:
         content = _check_references(path, path.parent, [], digest)
-    except MissingFileError:
+    except MissingFileError as error:
+        if path.is_file():
+            raise InputError(f"MJCF file {path} includes a file that is missing: {error}") from None
         hint = f"give the path of an MJCF file, or one of {', '.join(MODEL_NAMES)}"
         raise InputError(f"no model '{name}': {suggest(name, MODEL_NAMES, hint)}") from None
     file = ModelFile(path.stem, path, content, digest.hexdigest())
@@ -66,6 +69,12 @@ def load_model_file(name_or_path: str | Path) -> ModelFile:
             f"MJCF file {path}: a device cannot be advanced by its integrator; allowed: "
             f"{', '.join(INTEGRATORS.values())} (<option integrator=.../>)"
         )
+    try:
+        compile_model(spec)
+    except ValueError as error:
+        raise InputError(
+            f"MJCF file {path} cannot be compiled ({describe_model_error(error)}); correct the file"
+        ) from None
     return file
 
 
@@ -87,7 +96,9 @@ def _check_references(path: Path, folder: Path, visited: list[Path], digest: "ha
             if attribute in ("file", "meshdir", "texturedir", "assetdir") or attribute.startswith("file"):
                 _check_inside(value, path, folder)
         if element.tag == "include":
-            _check_references(folder / element.attrib.get("file", ""), folder, visited, digest)
+            if not element.attrib.get("file"):
+                raise InputError(f"MJCF file {path} has an <include> without file; name the file, or remove it")
+            _check_references(folder / element.attrib["file"], folder, visited, digest)
     return content
 
 
@@ -100,5 +111,6 @@ def _check_inside(reference: str, path: Path, folder: Path) -> None:
         )
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else "unknown error"
+def describe_model_error(error: Exception) -> str:
+    """Return MuJoCo's ``error`` about a model in one line."""
+    return " ".join(str(error).split()).removeprefix("Error: ") or "unknown error"
