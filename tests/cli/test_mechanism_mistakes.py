@@ -145,6 +145,12 @@ def test_name_of_nothing(folder: Path, old: str, new: str, part: str) -> None:
     [
         ("angle_joint [deg]", "angle_joint", "'angle_joint' has no unit in square brackets"),
         ("angle_joint [deg]", "angle_joint [N]", "'angle_joint [N]' has a unit of the wrong kind; allowed: deg, rad"),
+        (
+            "angle_joint [deg]",
+            "angle_joint [rad]",
+            "it looks like degrees that were taken for radians; correct the unit",
+        ),
+        ("angle_joint [deg]", "elbow [deg]", "no channel is measured; a mjcf trial needs at least one of angle_joint"),
         ("time [s]", "clock [s]", "has no column 'time [s]'"),
         ("pressure_command_flexor", "p1", "the prescribed channel 'pressure_command_flexor' is missing"),
     ],
@@ -153,6 +159,11 @@ def test_column_that_is_missing_or_has_another_unit(folder: Path, old: str, new:
     table = folder / "fit_1_0.csv"
     table.write_text(table.read_text().replace(old, new))
     assert part in diagnose(folder)
+
+
+def test_channel_that_no_trial_has(folder: Path) -> None:
+    edit(folder, "['angle_joint']", "['angle_joint', 'force_flexor']")
+    assert "no trial has the measured channel 'force_flexor'; add its column to the files" in diagnose(folder)
 
 
 def test_tendons_without_names(folder: Path) -> None:

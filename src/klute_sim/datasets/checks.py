@@ -6,14 +6,16 @@ import numpy as np
 
 from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, MechanismChannels, get_column_units
+from klute_sim.datasets.mechanism import DatasetMechanism
 from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.datasets.trial import Trial
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import compute_muscle_force
 from klute_sim.device.equilibrium import compute_equilibrium_state, compute_taut_state
 from klute_sim.device.rollout import simulate_rollouts
-from klute_sim.errors import KluteSimError
+from klute_sim.errors import InputError, KluteSimError
 from klute_sim.laws.mckibben import lock_length
+from klute_sim.plant.callbacks import compile_model
 from klute_sim.plausibility.bench.check import check_bench_trials
 from klute_sim.plausibility.bench.magnitudes import check_device_channels, check_missing_value_codes
 from klute_sim.plausibility.bench.trial import SI_UNITS, Channel, DeviceLimits, RecordedTrial, Response, Simulate
@@ -22,6 +24,7 @@ from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gait.positions import ScaledSeries
 from klute_sim.plausibility.gait.steps import Series
 from klute_sim.plausibility.gait.trial import GAIT_CHANNELS, GaitChannels, find_trial_findings
+from klute_sim.plausibility.joint_angle import check_joint_angle
 from klute_sim.plausibility.samples import Samples
 from klute_sim.types import Array
 
@@ -48,6 +51,35 @@ def find_implausible(rig: ChannelSource, trials: Sequence[Trial], units: Sequenc
         codes, trial_without_codes = check_missing_value_codes(device_trial)
         findings += [*codes, *check_device_channels(trial_without_codes)]
     return findings
+
+
+def check_measured_channels(mechanism: DatasetMechanism, trials: Sequence[Trial], source: str) -> None:
+    """Raise InputError for a channel that the dataset names as measured and that no trial has."""
+    for name in mechanism.channels.measured:
+        if not any(name in trial.measured for trial in trials):
+            raise InputError(
+                f"{source}: no trial has the measured channel '{name}'; add its column to the files, name the column "
+                "in [columns], or remove the channel from 'measured'"
+            )
+
+
+def find_implausible_angles(
+    mechanism: DatasetMechanism, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]
+) -> list[Finding]:
+    """Return what is implausible in the angles of joints that have stops; ``units`` holds the units in the headings."""
+    model = compile_model(mechanism.file.make_spec())
+    stops = {
+        f"angle_{normalize_name(model.joint(index).name)}": (float(model.jnt_range[index, 0]), float(high))
+        for index, high in enumerate(model.jnt_range[:, 1])
+        if model.jnt_limited[index]
+    }
+    return [
+        finding
+        for trial, trial_units in zip(trials, units, strict=True)
+        for name, series in {**trial.prescribed, **trial.measured}.items()
+        if name in stops
+        for finding in check_joint_angle(name, series.value, trial_units[name], stops[name], f"trial '{trial.name}'")
+    ]
 
 
 def _find_implausible_devices(

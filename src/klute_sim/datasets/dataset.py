@@ -147,6 +147,9 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         *checks.find_implausible_changes(trials, [entry.device for entry in file.trial]),
         *checks.find_implausible(channel_source, trials, [channels.units for channels in contents]),
     ]
+    if mechanism is not None:
+        checks.check_measured_channels(mechanism, trials, source)
+        findings += checks.find_implausible_angles(mechanism, trials, [channels.units for channels in contents])
     accepted = require_accepted(findings, {*file.accept, *accept})
     for trial in trials:  # after the checks, which name the unit that a long duration seems to be in
         for series in (*trial.prescribed.values(), *trial.measured.values()):
