@@ -35,7 +35,8 @@ def test_insufficient_data_are_reported_with_the_fix() -> None:
     (uninformative,) = data_quality.find_blocking_problems(
         [replace(e, measured={"ankle_moment": e.measured["force"]}) for e in sufficient]
     )
-    assert uninformative.startswith("Neither force nor muscle length")
+    assert uninformative.startswith("Neither 'force' nor 'muscle_length' is usable")
+    assert uninformative.endswith("Record 'force'.")
     pressure_only = [replace(e, measured={"pressure": e.measured["force"]}) for e in sufficient]
     assert len(data_quality.find_blocking_problems(pressure_only)) == 1
     assert data_quality.find_blocking_problems(pressure_only, judges_supply=True) == []

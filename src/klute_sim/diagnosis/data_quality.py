@@ -110,10 +110,10 @@ def find_blocking_problems(experiments: Sequence[Experiment], *, judges_supply: 
     problems = []
     informative = experiments[0].informative_channels
     if not set(informative) & set(list_channels(experiments)) and not judges_supply:
-        names = [channel.replace("_", " ") for channel in informative]
+        names = [f"'{channel}'" for channel in informative]
+        lead = f"Neither {', '.join(names[:-1])} nor {names[-1]} is" if len(names) > 1 else f"{names[0]} is not"
         problems.append(
-            f"Neither {', '.join(names[:-1])} nor {names[-1]} is usable, so the data contain no information about "
-            "muscle, damper and tendon. Record the force."
+            f"{lead} usable, so the data contain no information about muscle, damper and tendon. Record {names[0]}."
         )
     time = sum(e.duration for e in experiments)
     if time < MIN_TOTAL_TIME:

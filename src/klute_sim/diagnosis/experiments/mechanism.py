@@ -134,7 +134,7 @@ class MechanismExperiment(Experiment):
     def informative_channels(self) -> tuple[str, ...]:
         """All channels but pressures; they depend on the forces of the devices."""
         names = [name for name in self.outputs if parse_channel(name).quantity not in PRESSURE_QUANTITIES]
-        return ("force", *names) if len(names) < 2 else tuple(names)
+        return tuple(names) or ("force",)
 
     @property
     def length_range(self) -> float:
