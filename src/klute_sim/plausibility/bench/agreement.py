@@ -128,9 +128,9 @@ def find_calibration(trial: RecordedTrial, agreement: Agreement) -> float | None
     measured = channel.samples.value[np.isfinite(channel.samples.value)][:response_size]
     if len(measured) != response_size or agreement.scale_error < math.log(MIN_CALIBRATION):
         return None
-    largest = float(np.percentile(np.abs(agreement.simulated), 95.0))
-    if compute_span(agreement.simulated) < MIN_RELATIVE_FORCE_RANGE * largest:
-        return None
+    for force in (measured, agreement.simulated):  # a force that hardly varies is a load
+        if compute_span(force) < MIN_RELATIVE_FORCE_RANGE * float(np.percentile(np.abs(force), 95.0)):
+            return None
     if compute_correlation(measured, agreement.simulated) < MIN_CALIBRATION_CORRELATION:
         return None
     return compute_span(agreement.simulated) / compute_span(measured)
