@@ -117,10 +117,12 @@ def _make_resistance_parameter(key: str) -> EffectParameter:
 _CRITICAL_RATIO = EffectParameter(
     key="critical_ratio",
     neutral=None,
-    lower=0.1,
+    lower=0.01,
     upper=0.6,
     typical=NOZZLE_CRITICAL_RATIO,
-    source="ISO 6358: b of about 0.5 for short nozzles, 0.2 to 0.5 for valves",
+    source="ISO 6358: b of about 0.5 for short nozzles, 0.2 to 0.5 for valves, towards 0 for long tubes and several "
+    "restrictions in series (0.01 here: a fit uses the logarithm)",
+    has_physical_limits=True,
 )
 
 CHOKED_VALVE = Effect(
