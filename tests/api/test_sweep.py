@@ -53,7 +53,7 @@ def test_tuning_result_has_the_tuned_profile_and_writes_the_files_of_the_command
     assert set(result.metrics["peak net power [W/kg]"]) == {"before", "tuned", "human"}
     saved = result.save(tmp_path / "copy")
     assert {"tuned.csv", "tuning.json", "figure.png", "index.html"} <= {file.name for file in saved.iterdir()}
-    assert "The objective fell by" in str(result)
+    assert "Search: 1 evaluation, finer repeats of the start and 0 finalists; seed 0." in str(result)
     assert repr(result).startswith("TuningResult(1 evaluations, cost ")
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from klute_sim.errors import InputError, KluteSimError
 from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, CaseResult
 from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.parameter_sweep.runner import ResultCallback
+from klute_sim.report.tuning.text import format_causes, format_change
 from klute_sim.tuning.design_variables import DEFAULT_DEVICE_KEYS, DesignSpace, compute_violation
 from klute_sim.tuning.objective import (
     FALL_COST,
@@ -22,12 +24,14 @@ from klute_sim.tuning.objective import (
     TuningMetrics,
     Weights,
     compute_cost,
+    compute_terms,
     compute_tracking_error,
     make_weights,
 )
 from klute_sim.tuning.results import open_tuning_store
 from klute_sim.tuning.search import (
     FINE_DT,
+    Evaluation,
     TuningProblem,
     optimize,
     reevaluate,
@@ -97,6 +101,32 @@ def test_objective_adds_distances_air_penalties_and_shortfall() -> None:
     assert compute_cost(METRICS, Weights(), HUMAN_GOALS) == pytest.approx(1.73 + shortfall)
     reaching = make_metrics(moment_sd=0.38, power_w_per_kg=3.4, work_j_per_kg=0.22, plantarflexion_deg=15.1)
     assert HUMAN_GOALS.compute_shortfall(reaching) == 0.0
+
+
+def test_terms_add_up_to_the_objective_and_state_their_limits() -> None:
+    metrics = make_metrics(moment_peak_ratio=0.85, toe_clearance_mm=1.0)
+    terms = {term.name: term for term in compute_terms(metrics, Weights(), HUMAN_GOALS)}
+    assert sum(term.cost for term in terms.values()) == pytest.approx(compute_cost(metrics, Weights(), HUMAN_GOALS))
+    peak = terms["the penalty of the peak moment"]
+    assert (peak.cost, peak.value, peak.allowed) == (pytest.approx(49.0), pytest.approx(85.0), "92 to 108 %")
+    assert {name for name, term in terms.items() if term.is_penalty and term.cost > 0.0} == {
+        "the penalty of the peak moment",
+        "the penalty of the toe clearance",
+    }
+    assert "the shortfall from the goals" not in {term.name for term in compute_terms(metrics, Weights(), Goals())}
+
+
+def make_rows(**costs: tuple[float, float]) -> list[dict[str, Any]]:
+    return [{"name": name, "before": before, "tuned": tuned} for name, (before, tuned) in costs.items()]
+
+
+def test_sentence_names_the_part_that_made_the_objective_fall() -> None:
+    rows = make_rows(tracking=(2.0, 2.1), air=(0.15, 0.16), peak=(4.0, 1.4))
+    assert format_causes(rows) == ", because peak fell; tracking rose by 5 %"
+    assert format_causes(make_rows(tracking=(2.0, 1.0), air=(0.15, 0.16))) == ", because tracking fell"
+    assert format_causes(make_rows(tracking=(2.0, 2.0), air=(0.2, 0.1))) == ", because air fell; tracking did not"
+    assert format_causes(make_rows(tracking=(2.0, 2.0), air=(0.2, 0.2))) == ""
+    assert format_change(2.0, 2.0) == "The objective did not fall"
 
 
 def test_invalid_weights_are_refused() -> None:
@@ -349,6 +379,7 @@ def test_resumed_search_equals_an_uninterrupted_one(tmp_path: Path) -> None:
 def test_no_evaluation_dominates_the_pareto_front(tmp_path: Path) -> None:
     problem = make_problem(air=0.3)
     evaluations = optimize(problem, 150, open_tuning_store(tmp_path / "s", problem), QuadraticRunner().run)
+    assert all(e.metrics is not None and not e.has_penalty for e in evaluations)
     front = select_pareto_front(evaluations)
     air = [e.metrics.air_g for e in front if e.metrics is not None]
     assert air == sorted(air)
@@ -357,6 +388,15 @@ def test_no_evaluation_dominates_the_pareto_front(tmp_path: Path) -> None:
             e.tracking_error < point.tracking_error and e.metrics.air_g < point.metrics.air_g  # type: ignore[union-attr]
             for e in evaluations
         )
+
+
+def test_evaluation_with_a_penalty_is_not_on_the_pareto_front() -> None:
+    far, near = (
+        Evaluation(np.zeros(1), 0.0, make_metrics(moment_sd=distance, moment_peak_ratio=ratio))
+        for distance, ratio in ((0.7, 1.0), (0.1, 1.2))
+    )
+    assert near.has_penalty
+    assert select_pareto_front([far, near]) == [far]
 
 
 def test_failing_initial_point_is_refused(tmp_path: Path) -> None:

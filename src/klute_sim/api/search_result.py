@@ -103,6 +103,8 @@ class SearchResult(Printable, Generic[P, E]):
         return {
             "rig": self.rig,
             "evaluations": len(self.evaluations),
+            "reevaluations": len(self.reevaluations),
+            "headline": self.format_headline(),
             "seed": self.problem.seed,
             "scope": self.scope,
             "cost": {name: evaluation.cost for name, evaluation in before_and_tuned.items()},
@@ -116,12 +118,17 @@ class SearchResult(Printable, Generic[P, E]):
     def format_summary(self) -> Summary:
         """Yield the table of metrics and of tuned numbers, the change of the objective, and what was simulated."""
         yield self._build_table()
-        reduction = 100.0 * (1.0 - self.best.cost / self.initial.cost)
-        yield (
-            f"The objective fell by {reduction:.0f} % in {len(self.evaluations)} evaluations "
-            f"(seed {self.problem.seed})."
-        )
+        from klute_sim.report.tuning.text import format_search_size
+
+        yield self.format_headline()
+        yield format_search_size(self.evaluations, self.reevaluations, self.problem.seed)
         yield self.scope
+
+    def format_headline(self) -> str:
+        """Return by how much the objective fell, in one sentence."""
+        from klute_sim.report.tuning.text import format_change
+
+        return f"{format_change(self.initial.cost, self.best.cost)}."
 
     def _build_table(self) -> "Table":
         from klute_sim.terminal_table import create_table
@@ -186,6 +193,7 @@ class SearchResult(Printable, Generic[P, E]):
             save_figure(self.plot(), folder / FIGURE_FILE)
             write_atomically(folder / "tuned.toml", format_toml(self.controller_numbers))
             write_atomically(folder / evaluations_file, "\n".join([",".join(EVALUATION_COLUMNS), *rows]) + "\n")
+            files += ResultStore(folder).list_search_files(f"tune-{self.rig}")
             content = {"folder": str(folder), "files": sorted(files), **self.summary}
             write_atomically(folder / "tuning.json", json.dumps(content, indent=2, allow_nan=False) + "\n")
             write_run_page(folder, f"Tuning, rig {self.rig}", self.format_summary(), {FIGURE_FILE: DESCRIPTION})

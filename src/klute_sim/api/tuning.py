@@ -82,10 +82,13 @@ class TuningResult(Printable):
         tuned = self.recordings[1]
         return {
             "evaluations": len(self.evaluations),
+            "reevaluations": len(self.reevaluations),
             "seed": self.problem.seed,
             "subject": self.problem.subject.describe(),
             "assumptions": describe_assumptions(self.problem.subject),
+            "headline": self.format_headline(),
             "cost": {"before": self.initial.cost, "tuned": self.best.cost},
+            "objective": self.objective_rows,
             "table": results.build_metrics_table(*self.recordings),
             "remarks": table.collect_remarks(summarize_gait_run(tuned, compute_gait_metrics(tuned))),
             "design_variables": {
@@ -99,18 +102,29 @@ class TuningResult(Printable):
         }
 
     @property
+    def objective_rows(self) -> list[dict[str, Any]]:
+        """Summands of the objective before and after tuning: tracking error, air, each penalty, and goals if any."""
+        return results.build_objective_rows(self.problem, self.initial, self.best)
+
+    def format_headline(self) -> str:
+        """Return by how much the objective fell, and which parts of it fell, in one sentence."""
+        from klute_sim.report.tuning import text
+
+        return f"{text.format_change(self.initial.cost, self.best.cost)}{text.format_causes(self.objective_rows)}."
+
+    @property
     def metrics(self) -> dict[str, dict[str, float | None]]:
         """Values before and after tuning and of the human ankle, by the label of the row."""
         return {row["name"]: {key: row[key] for key in ("before", "tuned", "human")} for row in self.summary["table"]}
 
     def format_summary(self) -> Summary:
-        """Yield the table before and after tuning, the change of the objective, and the remarks on the tuned gait."""
+        """Yield the change of the objective, the tables before and after tuning, and the remarks on the tuned gait."""
+        from klute_sim.report.tuning.text import format_search_size
+
+        yield self.format_headline()
+        yield format_search_size(self.evaluations, self.reevaluations, self.problem.seed)
         yield self._build_table()
-        reduction = 100.0 * (1.0 - self.best.cost / self.initial.cost)
-        yield (
-            f"The objective fell by {reduction:.0f} % in {len(self.evaluations)} evaluations "
-            f"(seed {self.problem.seed})."
-        )
+        yield self._build_objective_table()
         yield from self.summary["assumptions"]
         yield from self.problem.subject.remarks
         yield from self.summary["remarks"]
@@ -127,6 +141,23 @@ class TuningResult(Printable):
             table.add_row(row["name"], *("-" if row[name] is None else f"{row[name]:.3f}" for name in columns))
         return table
 
+    def _build_objective_table(self) -> "Table":
+        from klute_sim.report.tuning.text import format_quantity
+        from klute_sim.terminal_table import create_table
+
+        table = create_table(title="Parts of the objective")
+        table.add_column("")
+        for name in ("before", "tuned"):
+            table.add_column(name, justify="right", no_wrap=True)
+        table.add_column("quantity", overflow="fold")
+        for row in self.objective_rows:
+            costs = [f"{row[name]:.3g}" for name in ("before", "tuned")]
+            table.add_row(row["name"].removeprefix("the "), *costs, format_quantity(row))
+        total = [f"{evaluation.cost:.3g}" for evaluation in (self.initial, self.best)]
+        table.add_section()
+        table.add_row("objective", *total, "")
+        return table
+
     def __repr__(self) -> str:
         """Return one line: number of evaluations, cost before and after, and the folder."""
         cost = f"cost {self.initial.cost:.3g} -> {self.best.cost:.3g}"
@@ -138,10 +169,10 @@ class TuningResult(Printable):
 
         valid = [e for e in self.evaluations if e.metrics is not None and not e.metrics.trips]
         return build_figure(
-            [results.get_front_point(evaluation) for evaluation in valid],
+            [results.get_front_point(evaluation) for evaluation in valid if not evaluation.has_penalty],
+            [results.get_front_point(evaluation) for evaluation in valid if evaluation.has_penalty],
             [results.get_front_point(evaluation) for evaluation in select_pareto_front(self.evaluations)],
-            results.get_front_point(self.initial),
-            results.get_front_point(self.best),
+            [(results.get_front_point(evaluation), evaluation.has_penalty) for evaluation in (self.initial, self.best)],
             self.recordings,
         )
 
@@ -172,6 +203,7 @@ class TuningResult(Printable):
             write_atomically(
                 folder / EVALUATIONS_FILE, results.format_evaluations_csv(self.evaluations, EVALUATION_COLUMNS)
             )
+            files += ResultStore(folder).list_search_files("tune")
             content = {"folder": str(folder), "files": sorted(files), **self.summary}
             write_atomically(folder / "tuning.json", json.dumps(content, indent=2, allow_nan=False) + "\n")
             title = f"Tuning of {self.problem.space.device.name}"

@@ -175,7 +175,7 @@ def command(
 
     The objective is the mean squared distance of net moment, angle and power from the reference in stance, in standard
     deviations of the reference, plus 0.1 per gram of air in a stride. Penalties apply to a peak moment that differs by
-    more than 5 % from that of the reference, to a muscle at its stop, to poor load tracking and to a toe clearance
+    more than 8 % from that of the reference, to a muscle at its stop, to poor load tracking and to a toe clearance
     below 3 mm. A gait in which the foot catches in swing always costs more than a gait in which it does not. Standard
     deviations that --reference does not state, or that --speed and --slope make doubtful, are assumed and reported as
     such.

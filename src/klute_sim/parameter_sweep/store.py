@@ -60,6 +60,10 @@ class ResultStore:
         with self.translate_write_errors():
             return FolderLock(self.folder)
 
+    def list_search_files(self, kind: str) -> list[str]:
+        """Return the names of the plan of a search of this ``kind`` and of its cases, where they exist."""
+        return [name for name in (f"{kind}.json", RESULTS_FOLDER) if (self.folder / name).exists()]
+
     def _result_path(self, key: str) -> Path:
         return self.folder / RESULTS_FOLDER / f"{key}.json"
 

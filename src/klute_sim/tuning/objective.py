@@ -146,22 +146,107 @@ def compute_tracking_error(metrics: TuningMetrics, weights: Weights) -> float:
     return math.fsum(w * s for w, s in zip((weights.moment, weights.angle, weights.power), squares, strict=True))
 
 
+@dataclass(frozen=True, kw_only=True)
+class ObjectiveTerm:
+    """One summand of the objective, with the quantity that it depends on."""
+
+    name: str
+    """Name with article, for a sentence."""
+    cost: float
+    """Summand of the objective [1]."""
+    value: float | None = None
+    """Value of the quantity in its unit; None: several quantities, or none that is a number."""
+    unit: str = ""
+    """Unit of the quantity in words; empty for a pure number."""
+    allowed: str = ""
+    """Values of the quantity without cost; empty where every value costs."""
+    is_penalty: bool = False
+    """Whether the term is 0 for every gait that the objective accepts."""
+
+
+def compute_terms(metrics: TuningMetrics, weights: Weights, goals: Goals) -> tuple[ObjectiveTerm, ...]:
+    """Return the summands of the objective: tracking error, air, each penalty, and the goals if there are any."""
+    terms = (
+        ObjectiveTerm(
+            name="the tracking error", cost=compute_tracking_error(metrics, weights), unit="weighted sum [sd²]"
+        ),
+        ObjectiveTerm(
+            name="the air", cost=weights.air * metrics.air_g, value=metrics.air_g, unit=f"g, times {weights.air:g}"
+        ),
+        *compute_penalties(metrics),
+    )
+    if goals == Goals():
+        return terms
+    return (*terms, ObjectiveTerm(name="the shortfall from the goals", cost=goals.compute_shortfall(metrics)))
+
+
+def compute_penalties(metrics: TuningMetrics) -> tuple[ObjectiveTerm, ...]:
+    """Return the penalties of the objective, whose cost is 0 within their limits."""
+    peak_error = max(0.0, abs(metrics.moment_peak_ratio - 1.0) - MAX_MOMENT_PEAK_ERROR)
+    load_error = max(0.0, metrics.load_tracking_rms_bw - MAX_LOAD_TRACKING_ERROR_BW)
+    rate_excess = max(0.0, metrics.loading_rate_bw_per_s - MAX_LOADING_RATE_BW_PER_S)
+    low, high = 100.0 * (1.0 - MAX_MOMENT_PEAK_ERROR), 100.0 * (1.0 + MAX_MOMENT_PEAK_ERROR)
+    return (
+        ObjectiveTerm(
+            name="the penalty of the peak moment",
+            cost=MOMENT_PEAK_COST * peak_error**2,
+            value=100.0 * metrics.moment_peak_ratio,
+            unit="% of that of the reference",
+            allowed=f"{low:g} to {high:g} %",
+            is_penalty=True,
+        ),
+        ObjectiveTerm(
+            name="the penalty of the muscle length",
+            cost=LENGTH_STOP_COST * max(0.0, metrics.muscle_ratio_max - MAX_MUSCLE_RATIO) ** 2,
+            value=metrics.muscle_ratio_max,
+            unit="of the resting length",
+            allowed=f"at most {MAX_MUSCLE_RATIO:g}",
+            is_penalty=True,
+        ),
+        ObjectiveTerm(
+            name="the penalty of the load error",
+            cost=LOAD_TRACKING_COST * load_error**2,
+            value=metrics.load_tracking_rms_bw,
+            unit="body weights (rms)",
+            allowed=f"at most {MAX_LOAD_TRACKING_ERROR_BW:g}",
+            is_penalty=True,
+        ),
+        ObjectiveTerm(
+            name="the penalty of the loading rate",
+            cost=LOADING_RATE_COST * rate_excess**2,
+            value=metrics.loading_rate_bw_per_s,
+            unit="body weights per second",
+            allowed=f"at most {MAX_LOADING_RATE_BW_PER_S:g}",
+            is_penalty=True,
+        ),
+        ObjectiveTerm(
+            name="the penalty of the braking",
+            cost=BRAKING_COST * max(0.0, -metrics.braking_bw - MAX_BRAKING_BW) ** 2,
+            value=-metrics.braking_bw,
+            unit="body weights",
+            allowed=f"at most {MAX_BRAKING_BW:g}",
+            is_penalty=True,
+        ),
+        ObjectiveTerm(
+            name="the penalty of the toe clearance",
+            cost=CLEARANCE_COST_PER_MM2 * max(0.0, MIN_TOE_CLEARANCE_MM - metrics.toe_clearance_mm) ** 2,
+            value=metrics.toe_clearance_mm,
+            unit="mm",
+            allowed=f"at least {MIN_TOE_CLEARANCE_MM:g}",
+            is_penalty=True,
+        ),
+        ObjectiveTerm(
+            name="the penalty of a contact in swing",
+            cost=TOE_CATCH_COST if metrics.trips else 0.0,
+            allowed="none",
+            is_penalty=True,
+        ),
+    )
+
+
 def compute_cost(metrics: TuningMetrics, weights: Weights, goals: Goals) -> float:
     """Return the objective; smaller is better."""
-    stop = LENGTH_STOP_COST * max(0.0, metrics.muscle_ratio_max - MAX_MUSCLE_RATIO) ** 2
-    load = LOAD_TRACKING_COST * max(0.0, metrics.load_tracking_rms_bw - MAX_LOAD_TRACKING_ERROR_BW) ** 2
-    load += LOADING_RATE_COST * max(0.0, metrics.loading_rate_bw_per_s - MAX_LOADING_RATE_BW_PER_S) ** 2
-    load += BRAKING_COST * max(0.0, -metrics.braking_bw - MAX_BRAKING_BW) ** 2
-    peak = MOMENT_PEAK_COST * max(0.0, abs(metrics.moment_peak_ratio - 1.0) - MAX_MOMENT_PEAK_ERROR) ** 2
-    clearance = CLEARANCE_COST_PER_MM2 * max(0.0, MIN_TOE_CLEARANCE_MM - metrics.toe_clearance_mm) ** 2
-    toe_catch = TOE_CATCH_COST if metrics.trips else 0.0
-    penalties = peak + stop + load + clearance + toe_catch
-    return (
-        compute_tracking_error(metrics, weights)
-        + weights.air * metrics.air_g
-        + penalties
-        + goals.compute_shortfall(metrics)
-    )
+    return sum(term.cost for term in compute_terms(metrics, weights, goals))
 
 
 def make_weights(values: Mapping[str, float]) -> Weights:

@@ -14,6 +14,7 @@ from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.parameter_sweep.fingerprint import fingerprint_software
 from klute_sim.parameter_sweep.store import ResultStore, open_store
 from klute_sim.recording.recording import Recording
+from klute_sim.tuning.design_variables import compute_violation
 from klute_sim.tuning.objective import (
     CLEARANCE_COST_PER_MM2,
     LENGTH_STOP_COST,
@@ -21,6 +22,7 @@ from klute_sim.tuning.objective import (
     MAX_LOAD_TRACKING_ERROR_BW,
     MAX_MUSCLE_RATIO,
     MIN_TOE_CLEARANCE_MM,
+    compute_terms,
 )
 from klute_sim.tuning.search import (
     FINE_DT,
@@ -32,6 +34,8 @@ from klute_sim.tuning.search import (
 )
 from klute_sim.types import Array
 
+MIN_SHOWN_VIOLATION = 1e-9
+"""Smallest violation of the bounds that is no rounding error."""
 REPORT_STRIDES = 5
 """Number of strides of the simulations before and after tuning that the report shows."""
 
@@ -113,6 +117,34 @@ def build_metrics_table(before: Recording, after: Recording) -> list[dict[str, A
         for name, get_value in ANKLE_ROWS
     ]
     return [*prosthesis_rows, *ankle_rows]
+
+
+def build_objective_rows(problem: TuningProblem, initial: Evaluation, best: Evaluation) -> list[dict[str, Any]]:
+    """Return the summands of the objective at the initial and the best point, the tracking error first.
+
+    A summand of a quantity has its value and the values without cost. Together they are the cost.
+    """
+    both = [
+        [] if e.metrics is None else compute_terms(e.metrics, problem.weights, problem.goals) for e in (initial, best)
+    ]
+    rows = [
+        {
+            "name": before.name,
+            "before": before.cost,
+            "tuned": tuned.cost,
+            "value_before": before.value,
+            "value_tuned": tuned.value,
+            "unit": tuned.unit,
+            "allowed": tuned.allowed,
+            "is_penalty": tuned.is_penalty,
+        }
+        for before, tuned in zip(*both, strict=True)
+    ]
+    violations = [compute_violation(problem.variables, e.x) for e in (initial, best)]
+    if max(violations) > MIN_SHOWN_VIOLATION:
+        row = {"name": "the penalty of the bounds", "before": violations[0], "tuned": violations[1]}
+        rows.append({**row, "value_before": None, "value_tuned": None, "unit": "", "allowed": "", "is_penalty": True})
+    return rows
 
 
 def format_evaluations_csv(evaluations: Sequence[Evaluation], columns: Sequence[str]) -> str:

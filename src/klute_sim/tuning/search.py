@@ -28,6 +28,7 @@ from klute_sim.tuning.objective import (
     TuningMetrics,
     Weights,
     compute_cost,
+    compute_penalties,
     compute_tracking_error,
 )
 from klute_sim.tuning.subject import prepare_subject
@@ -184,6 +185,11 @@ class Evaluation:
         """Squared distance to the reference with unit weights [sd2]; infinite after a failure."""
         return math.inf if self.metrics is None else compute_tracking_error(self.metrics, Weights())
 
+    @property
+    def has_penalty(self) -> bool:
+        """Whether the simulation failed or the objective contains a penalty."""
+        return self.metrics is None or any(term.cost > 0.0 for term in compute_penalties(self.metrics))
+
 
 _COLUMN_OF_METRIC = {
     "moment_sd": "moment_distance [sd]",
@@ -279,10 +285,8 @@ def select_best(evaluations: Sequence[E]) -> E:
 
 
 def select_pareto_front(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
-    """Return the Pareto front of tracking error and air, by increasing air; failures and toe catches are left out."""
-    valid = [
-        evaluation for evaluation in evaluations if evaluation.metrics is not None and not evaluation.metrics.trips
-    ]
+    """Return the Pareto front of tracking error and air, by increasing air; failures and penalties are left out."""
+    valid = [evaluation for evaluation in evaluations if not evaluation.has_penalty]
     front: list[Evaluation] = []
     for evaluation in sorted(
         valid, key=lambda item: (item.metrics.air_g if item.metrics else 0.0, item.tracking_error)
