@@ -12,6 +12,7 @@ import pytest
 import klute_sim as ks
 from klute_sim.baselines.assessment import CRITERIA, MIN_TOE_CLEARANCE_MM, assess_quantities, collect_shortfalls
 from klute_sim.gait.metrics import GaitMetrics, compute_reference_metrics
+from klute_sim.report.assessment.figure import MAX_CURVES, build_figure
 from tests.command_line import run
 from tests.gait.reference_files import write_reference_folder
 
@@ -54,7 +55,8 @@ def test_each_person_has_every_controller_beside_the_own_ankle(
         foot = person["controllers"][0]
         assert foot["strides_per_tank"] is None
         assert any("net ankle work of a stride" in sentence for sentence in foot["shortfalls"])
-        assert person["closest"] == "klute-1-1-4-pair, profile"
+        assert person["fewest_shortfalls"] == "klute-1-1-4-pair, profile"
+        assert [controller["shipped"] for controller in person["controllers"]] == [True, False]
 
 
 def test_page_is_self_contained_and_escapes_names(assessed: tuple[Path, dict[str, Any], str]) -> None:
@@ -63,6 +65,8 @@ def test_page_is_self_contained_and_escapes_names(assessed: tuple[Path, dict[str
     assert "://" not in re.sub(r"data:image/png;base64,[^\"]+", "", page)
     assert "ben &lt;b&gt;" in page
     assert "ben <b>" not in page
+    assert "shipped: spring-foot-6" in page
+    assert "shipped: klute-1-1-4-pair" not in page
     for person in content["persons"]:
         for controller in person["controllers"]:
             for sentence in controller["shortfalls"]:
@@ -72,10 +76,20 @@ def test_page_is_self_contained_and_escapes_names(assessed: tuple[Path, dict[str
 def test_terminal_shows_verdict_and_shortfalls_of_the_closest(tmp_path: Path) -> None:
     done = run("assess", "--only", "spring-foot-3", *QUICK, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert ": not served; the closest is spring-foot-3" in done.stdout
+    assert ": not served; fewest shortfalls (" in done.stdout
+    assert "): spring-foot-3" in done.stdout
     assert "of the person's own ankle" in done.stdout
     assert "own ankle" in done.stdout
     assert (tmp_path / "runs" / "assess-001" / "index.html").is_file()
+
+
+def test_figure_has_every_controller_of_the_user_by_a_thick_line() -> None:
+    run = ks.simulate_gait(strides=1, time_step=1e-3).recording
+    shipped = {f"shipped: {number}": run for number in range(8)}
+    (panel, *_) = build_figure({"mine": run}, shipped).axes
+    widths = {line.get_label(): line.get_linewidth() for line in panel.get_lines()}
+    assert list(widths) == ["own ankle", "mine", *list(shipped)[: MAX_CURVES - 1]]
+    assert widths["mine"] > 1.5 * widths["shipped: 0"]
 
 
 def test_own_ankle_with_enough_clearance_meets_every_criterion() -> None:

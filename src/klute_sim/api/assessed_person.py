@@ -73,16 +73,21 @@ class AssessedPerson:
         """Controllers without a shortfall, the one with the least air first."""
         return [controller for controller in self.ranked if not controller.shortfalls]
 
+    def get_label(self, controller: AssessedController) -> str:
+        """Return the name of ``controller``, marked as shipped where the user's own ones stand beside it."""
+        has_own = any(not c.baseline.is_shipped for c in self.controllers)
+        return f"shipped: {controller.name}" if has_own and controller.baseline.is_shipped else controller.name
+
     def format_verdict(self) -> str:
         """Return the verdict in one sentence."""
         if self.serving:
-            names = ", ".join(f"{c.name} ({_format_air(c)})" for c in self.serving)
+            names = ", ".join(f"{self.get_label(c)} ({_format_air(c)})" for c in self.serving)
             return f"{self.name}: served by {names}."
-        closest = self.ranked[0]
-        if closest.run is None:
+        best = self.ranked[0]
+        if best.run is None:
             return f"{self.name}: no gait could be simulated."
-        number = "1 shortfall" if len(closest.shortfalls) == 1 else f"{len(closest.shortfalls)} shortfalls"
-        return f"{self.name}: not served; the closest is {closest.name} with {number} ({_format_air(closest)})."
+        number = len(best.shortfalls)
+        return f"{self.name}: not served; fewest shortfalls ({number}): {self.get_label(best)} ({_format_air(best)})."
 
     def build_table(self) -> "Table":
         """Return the table of the controllers beside the own ankle; a star marks a shortfall."""
@@ -105,7 +110,7 @@ class AssessedPerson:
         for controller in self.controllers:
             row = [cells[controller.name][index] for index in shown]
             texts = [f"{text}*" if is_short else text for text, is_short in row]
-            result.add_row(controller.name, *texts, *format_air_cells(controller))
+            result.add_row(self.get_label(controller), *texts, *format_air_cells(controller))
         return result
 
     def format_own_cells(self) -> list[str]:
@@ -150,7 +155,7 @@ def summarize_person(person: AssessedPerson) -> dict[str, Any]:
         "subject": person.subject.describe(),
         "verdict": person.format_verdict(),
         "served_by": [controller.name for controller in person.serving],
-        "closest": person.ranked[0].name,
+        "fewest_shortfalls": person.ranked[0].name,
         "controllers": [_summarize_controller(controller) for controller in person.controllers],
     }
 
@@ -158,6 +163,7 @@ def summarize_person(person: AssessedPerson) -> dict[str, Any]:
 def _summarize_controller(controller: AssessedController) -> dict[str, Any]:
     return {
         "name": controller.name,
+        "shipped": controller.baseline.is_shipped,
         "device": controller.baseline.device.name,
         "spring_foot_nm_per_deg": controller.baseline.foot_stiffness,
         "quantities": [
@@ -186,7 +192,7 @@ def build_page_entry(person: AssessedPerson) -> dict[str, Any]:
         "own_cells": person.format_own_cells(),
         "controllers": [
             {
-                "name": controller.name,
+                "name": person.get_label(controller),
                 "cells": format_cells(controller),
                 "air": format_air_cells(controller),
                 "shortfalls": controller.shortfalls,

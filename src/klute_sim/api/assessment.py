@@ -46,7 +46,7 @@ class Assessment(Printable):
         }
 
     def format_summary(self) -> Summary:
-        """Yield the table, the verdict and the shortfalls of the closest controller of each person."""
+        """Yield the table, the verdict and the shortfalls of the controller with the fewest, for each person."""
         for person in self.persons:
             yield person.build_table()
             yield person.format_verdict()
@@ -64,17 +64,24 @@ class Assessment(Printable):
         return f"Assessment({len(self.persons)} persons, {n_served} served)"
 
     def plot(self, person: int = 0) -> "Figure":
-        """Return the figure of the controllers with the fewest shortfalls over the own ankle of a ``person``.
+        """Return the figure of the user's controllers, and of those with the fewest shortfalls, over the own ankle.
 
         ``person`` is an index. Raises InputError when every simulation of the person failed.
         """
         from klute_sim.report.assessment.figure import build_figure
 
         chosen = self.persons[person]
-        recordings = {c.name: c.run.recording for c in chosen.ranked if c.run is not None}
-        if not recordings:
+        own, shipped = (
+            {
+                chosen.get_label(c): c.run.recording
+                for c in chosen.ranked
+                if c.run is not None and c.baseline.is_shipped is is_shipped
+            }
+            for is_shipped in (False, True)
+        )
+        if not own and not shipped:
             raise InputError(f"no gait could be simulated for {chosen.name}, so there is nothing to plot")
-        return build_figure(recordings)
+        return build_figure(own, shipped)
 
     def save(self, folder: str | Path | None = None) -> Path:
         """Write the files of ``klute-sim assess`` into ``folder`` (new or empty; default: next ``runs/assess-NNN``).

@@ -220,6 +220,7 @@ def _create_own_baseline(device: DeviceLike, controller: ControllerLike) -> Base
         device=chosen_device,
         controller=chosen_controller,
         foot_stiffness=None,
+        is_shipped=False,
     )
 
 

@@ -29,6 +29,8 @@ class Baseline:
     """Controller of the device; off for a passive foot."""
     foot_stiffness: float | None
     """Stiffness of a passive foot in place of the device [N.m/deg]; None: the device."""
+    is_shipped: bool = True
+    """Whether it ships with the package; otherwise it is the user's own."""
 
 
 def load_baselines(only: Sequence[str] = ()) -> list[Baseline]:

@@ -10,16 +10,23 @@ from klute_sim.recording.recording import Recording
 from klute_sim.report.style import HUMAN_LINE, add_heading, get_series_colour, use_style
 
 MAX_CURVES = 5
-"""Maximum number of prostheses in the figure; more are hard to tell from each other."""
+"""Maximum number of prostheses in the figure, if the user has fewer; more are hard to tell from each other."""
+OWN_WIDTH, SHIPPED_WIDTH = 2.2, 1.1
+"""Width of the curves of the user's controllers and of shipped ones [points]."""
 
 
-def build_figure(recordings: Mapping[str, Recording]) -> Figure:
-    """Plot the last stride of each of ``recordings`` (name -> run), at most :data:`MAX_CURVES`, over the own ankle."""
+def build_figure(own: Mapping[str, Recording], shipped: Mapping[str, Recording]) -> Figure:
+    """Plot the last stride of each run (label -> recording) over the own ankle.
+
+    All of the user's ``own`` controllers are drawn, by thick lines; then the first of the ``shipped`` ones, as long as
+    there are at most :data:`MAX_CURVES`.
+    """
+    chosen = {**own, **dict(list(shipped.items())[: max(0, MAX_CURVES - len(own))])}
     last_strides = {
-        name: recording.select(recording["stride"] == recording["stride"][-1])
-        for name, recording in list(recordings.items())[:MAX_CURVES]
+        name: recording.select(recording["stride"] == recording["stride"][-1]) for name, recording in chosen.items()
     }
-    mass = float(next(iter(recordings.values())).provenance["options"]["mass_kg"])
+    widths = {name: OWN_WIDTH if name in own else SHIPPED_WIDTH for name in chosen}
+    mass = float(next(iter(chosen.values())).provenance["options"]["mass_kg"])
     weight = mass * GRAVITY
     panels = (
         ("ankle_angle", 1.0, "ankle angle [deg], dorsiflexion up"),
@@ -33,20 +40,27 @@ def build_figure(recordings: Mapping[str, Recording]) -> Figure:
         figure = create_figure(8.5)
         axes = figure.subplots(3, 2)
         for axis, (channel, scale, title) in zip(axes.flat, panels, strict=True):
-            _plot_channel(axis, last_strides, channel, scale, title)
+            _plot_channel(axis, last_strides, widths, channel, scale, title)
         add_heading(figure, "last stride", axes[0, 0], max_columns=3)
     return figure
 
 
-def _plot_channel(axis: Axes, strides: Mapping[str, Recording], channel: str, scale: float, title: str) -> None:
+def _plot_channel(
+    axis: Axes,
+    strides: Mapping[str, Recording],
+    widths: Mapping[str, float],
+    channel: str,
+    scale: float,
+    title: str,
+) -> None:
     first = next(iter(strides.values()))
     if f"reference_{channel}" in first:
         own = first[f"reference_{channel}"] / scale
         axis.plot(first["gait_phase"], own, label="own ankle", **HUMAN_LINE)
     for number, (name, stride) in enumerate(strides.items()):
-        axis.plot(
-            stride["gait_phase"], stride[channel] / scale, color=get_series_colour(number), linewidth=1.1, label=name
-        )
+        # A thick line below thin ones leaves both visible where they agree.
+        style = {"color": get_series_colour(number), "linewidth": widths[name], "zorder": 3.0 - 0.1 * widths[name]}
+        axis.plot(stride["gait_phase"], stride[channel] / scale, label=name, **style)
     axis.set_title(title)
     axis.set_xlim(0, 100)
     axis.set_xlabel("gait cycle [%]")
