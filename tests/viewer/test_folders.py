@@ -118,7 +118,6 @@ def write_tuning(folder: Path) -> None:
     )
     table = [{"name": "air per stride [g]", "before": 1.5, "tuned": 1.6, "human": None}]
     result = {
-        "headline": "The objective fell by 50 %.",
         "cost": {"before": 2.0, "tuned": 1.0},
         "evaluations": 4,
         "seed": 7,
@@ -139,7 +138,7 @@ def test_tuning_shows_the_objective_without_invalid_evaluations(tmp_path: Path) 
     assert get_values(contents, "objective/minimum").tolist() == [2.0, 2.0, 2.0, 1.0]
     assert contents.entities["objective/all"].get_times("generation").tolist() == [0, 1, 1, 2]
     page = get_text(contents, "result")
-    assert page.startswith("# The objective fell by 50 %\n\n1 of the 4 evaluations")
+    assert page.startswith("# The objective fell by 50 % in 4 evaluations (seed 7)\n\n1 of them")
     assert "| timing [%] | 0 | -1.5 |" in page
     assert has_no_empty_view(contents)
 

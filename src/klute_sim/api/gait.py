@@ -235,13 +235,18 @@ def state_alignment(device: Device, alignment_deg: float) -> Device:
     return parse_device(format_toml(content).encode(), device.name)
 
 
+MIN_STATED_ERROR = 1e-3
+"""Smallest relative error of the stride time that is stated (assumed); people vary by far more."""
+
+
 def report_rounded_stride_time(recording: Recording, options: GaitOptions) -> tuple[str, ...]:
     """Return a sentence if the time step does not divide the stride time of the reference, which a stride then misses.
 
+    Errors below :data:`MIN_STATED_ERROR` are not stated.
     A given speed sets the stride time, so there is nothing to miss.
     """
     stride_time, walked = options.reference.stride_time, float(recording.provenance["options"]["stride_time_s"])
-    if options.speed is not None or math.isclose(walked, stride_time, rel_tol=1e-6):
+    if options.speed is not None or math.isclose(walked, stride_time, rel_tol=MIN_STATED_ERROR):
         return ()
     return (
         f"A stride takes {walked:.6g} s instead of the {stride_time:.6g} s of the reference, because it has a whole "

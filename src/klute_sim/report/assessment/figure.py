@@ -59,8 +59,14 @@ def _plot_channel(
         axis.plot(first["gait_phase"], own, label="own ankle", **HUMAN_LINE)
     for number, (name, stride) in enumerate(strides.items()):
         # A thick line below thin ones leaves both visible where they agree.
-        style = {"color": get_series_colour(number), "linewidth": widths[name], "zorder": 3.0 - 0.1 * widths[name]}
-        axis.plot(stride["gait_phase"], stride[channel] / scale, label=name, **style)
+        axis.plot(
+            stride["gait_phase"],
+            stride[channel] / scale,
+            color=get_series_colour(number),
+            linewidth=widths[name],
+            zorder=3.0 - 0.1 * widths[name],
+            label=name,
+        )
     axis.set_title(title)
     axis.set_xlim(0, 100)
     axis.set_xlabel("gait cycle [%]")

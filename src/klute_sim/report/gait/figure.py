@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 from klute_sim.constants import GRAVITY
 from klute_sim.gait.metrics import compute_gait_metrics, is_level_ground, is_spring_foot
 from klute_sim.recording.recording import Recording
+from klute_sim.report.gait.reference_text import shorten_reference_name
 from klute_sim.report.style import (
     COMMAND_LINE,
     EARLIER_COLOUR,
@@ -74,10 +75,11 @@ def _format_heading(recording: Recording, n_strides: int) -> str:
 def _plot_against_reference(axis: Axes, strides: list[Recording], channel: str, scale: float, title: str) -> None:
     last = strides[-1]
     phase, human = last["gait_phase"], last[f"reference_{channel}"] / scale
+    reference = shorten_reference_name(last.provenance["reference"]["name"])
     if f"reference_{channel}_sd" in last:
         band: Array = last[f"reference_{channel}_sd"] / scale
         axis.fill_between(
-            phase, human - band, human + band, color=HUMAN_BAND_COLOUR, linewidth=0.0, label="human ±1 sd"
+            phase, human - band, human + band, color=HUMAN_BAND_COLOUR, linewidth=0.0, label=f"{reference} ±1 sd"
         )
     axis.plot(phase, human, label=_format_reference_label(last), **HUMAN_LINE)
     for number, stride in enumerate(strides[:-1]):
@@ -88,7 +90,8 @@ def _plot_against_reference(axis: Axes, strides: list[Recording], channel: str, 
 
 
 def _format_reference_label(recording: Recording) -> str:
-    return "human" if is_level_ground(recording) else "human on level ground, rotated"
+    name = shorten_reference_name(recording.provenance["reference"]["name"])
+    return name if is_level_ground(recording) else f"{name} on level ground, rotated"
 
 
 def _plot_moment_over_angle(axis: Axes, strides: list[Recording], mass: float) -> None:

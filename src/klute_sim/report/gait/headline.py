@@ -4,6 +4,7 @@ from typing import Any
 
 from klute_sim.gait.metrics import AnkleMetrics
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
+from klute_sim.report.gait.reference_text import describe_deviations
 
 DISTANCES = ("angle", "moment", "power")
 """Curves of the ankle whose distance to people is known."""
@@ -12,8 +13,8 @@ DISTANCES = ("angle", "moment", "power")
 def format_headline(summary: dict[str, Any], human: AnkleMetrics) -> str:
     """Return peak power, net work and peak moment of ``summary`` beside those of ``human``, in one sentence.
 
-    A second one gives the distances to people in stance, where their standard deviations are known; a third says so if
-    the run was not a gait.
+    A second one gives the distances to the reference in stance, where its standard deviations are known; a third says
+    so if the run was not a gait.
     """
     power, moment = summary["ankle_power_peak_w_per_kg"], summary["ankle_moment_peak_nm_per_kg"]
     reference = "the reference" if not summary["slope_deg"] else "the reference on level ground"
@@ -27,8 +28,8 @@ def format_headline(summary: dict[str, Any], human: AnkleMetrics) -> str:
     if None not in distances:
         angle, moment_distance, power_distance = (f"{distance:.1f}" for distance in distances)
         headline += (
-            f" In stance, angle, moment and power are {angle}, {moment_distance} and {power_distance} standard "
-            "deviations from people (rms)."
+            f" In stance, angle, moment and power are {angle}, {moment_distance} and {power_distance} "
+            f"{describe_deviations(summary['reference'])}."
         )
     if summary["touches_in_swing"]:
         return f"{headline} Caution: the foot trips in swing."

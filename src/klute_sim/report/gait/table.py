@@ -18,6 +18,7 @@ from klute_sim.gait.metrics import (
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.gait.rig.hip_path import FORWARD_TOLERANCE_BW, MAX_LEARNING_STRIDES, VERTICAL_TOLERANCE_BW
 from klute_sim.recording.recording import Recording
+from klute_sim.report.gait.reference_text import shorten_reference_name
 from klute_sim.terminal_table import create_table
 
 Row: TypeAlias = tuple[str, str, str, Callable[[StrideMetrics], float | None]]
@@ -74,6 +75,8 @@ MAX_USUAL_ALIGNMENT_DEG = 5.0
 """Largest alignment [deg] without a remark."""
 MIN_LEDGER_ENERGY_J = 0.005
 """Smallest energy per stride [J] for which a ledger line is shown."""
+MAX_PERCENTAGE_RATIO = 3.0
+"""Largest ratio of two values whose difference is in percent; beyond, the reference is near zero (assumed)."""
 LEARNING_GROWTH = 2.5
 """Proposed number of learning strides over one that was too small: 100 instead of 40 (assumed)."""
 STALLED_FRACTION = 0.6
@@ -95,12 +98,14 @@ def build_table(recording: Recording, metrics: GaitMetrics) -> Table:
     """Build the table of human reference, mean over the steady strides, and difference, one row per metric.
 
     Where the standard deviation of people is known, the difference is in its unit; that of a phase is in % of the
-    cycle, and others are in % of the human value.
+    cycle, and others are in % of the value of the reference, or in their unit where the signs differ or that value is
+    near zero.
     """
     human = compute_reference_metrics(recording)
     human_deviations = _compute_peak_deviations(recording)
     table = _create_table(_format_title(recording, metrics))
-    table.add_column("human" if is_level_ground(recording) else "human,\nlevel", justify="right", no_wrap=True)
+    name = shorten_reference_name(recording.provenance["reference"]["name"])
+    table.add_column(name if is_level_ground(recording) else f"{name},\nlevel", justify="right", no_wrap=True)
     table.add_column("prosthesis", justify="right", style="bold", no_wrap=True)
     table.add_column("difference", justify="right", no_wrap=True)
     for label, unit, format_spec, ankle_metric in ANKLE_ROWS:
@@ -110,13 +115,14 @@ def build_table(recording: Recording, metrics: GaitMetrics) -> Table:
             unit,
             _format_cell(expected, format_spec),
             _format_cell(value, format_spec),
-            _format_difference(value, expected, unit, human_deviations.get(label)),
+            _format_difference(value, expected, unit, human_deviations.get(label), format_spec),
         )
     table.add_section()
     for section in _list_sections_without_reference(recording, metrics):
         for label, unit, format_spec, metric in section:
             value = metrics.mean(metric)
             if value is not None or unit != "sd":  # a reference without standard deviations has no distances in them
+                label = label.replace("vs human", f"vs {name}")
                 table.add_row(label, unit, "-", _format_cell(value, format_spec), "")
         table.add_section()
     return table
@@ -129,11 +135,13 @@ def build_stride_table(recording: Recording, metrics: GaitMetrics) -> Table:
     table = _create_table(f"{recording.provenance['device']['name']}, stride by stride")
     for number in range(first, len(metrics.strides) + 1):
         table.add_column(str(number), justify="right", no_wrap=True)
+    name = shorten_reference_name(recording.provenance["reference"]["name"])
     table.add_column("± sd", justify="right", style="dim", no_wrap=True)
     for section in (ANKLE_ROWS, *_list_sections_without_reference(recording, metrics)):
         for label, unit, format_spec, metric in section:
             deviation = metrics.standard_deviation(metric)
             cells = [_format_cell(metric(stride), format_spec) for stride in shown]
+            label = label.replace("vs human", f"vs {name}")
             table.add_row(label, unit, *cells, _format_cell(deviation, format_spec.removeprefix("+")))
         table.add_section()
     return table
@@ -169,14 +177,18 @@ def _compute_peak_deviations(recording: Recording) -> dict[str, float]:
     return deviations
 
 
-def _format_difference(value: float | None, human: float | None, unit: str, deviation: float | None) -> str:
+def _format_difference(
+    value: float | None, human: float | None, unit: str, deviation: float | None, format_spec: str
+) -> str:
     if value is None or human is None:
         return ""
     if deviation:
         return f"{(value - human) / deviation:+.1f} sd"
     if unit == "% cycle":
         return f"{value - human:+.1f}"
-    return f"{round(100.0 * (value - human) / abs(human)):+d} %" if human else ""
+    if value * human <= 0.0 or abs(value) > MAX_PERCENTAGE_RATIO * abs(human):  # a percentage would say nothing
+        return f"{value - human:+{format_spec.removeprefix('+')}} {unit}".removesuffix(" ratio")
+    return f"{round(100.0 * (value - human) / abs(human)):+d} %"
 
 
 def _format_title(recording: Recording, metrics: GaitMetrics) -> str:
@@ -206,7 +218,11 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
     """Return remarks that limit or explain the results, one sentence each."""
     reference_speed = summary["reference_speed_m_per_s"]
     origin = (
-        "" if reference_speed is None else f", measured at {reference_speed:.2f} m/s (--speed changes the stride time)"
+        ""
+        if reference_speed is None
+        else f", measured at {reference_speed:.2f} m/s. The speed of the rig follows from the angles of the reference, "
+        "the leg length (from the stature, assumed unless the reference or --stature states it) and the stride time, "
+        "which --speed changes"
     )
     remarks = [
         f"Subject: {summary['mass_kg']:.4g} kg, {summary['stature_m']:.4g} m. Speed: {summary['speed_m_per_s']:.2f} "

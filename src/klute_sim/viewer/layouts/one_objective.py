@@ -47,12 +47,14 @@ def build_lines(evaluations: dict[str, Array]) -> list[SeriesLine]:
 
 def format_page(result: dict[str, Any]) -> str:
     """Return the outcomes before and after tuning, and the tuned numbers, as Markdown."""
+    cost = result["cost"]
+    reduction = 100.0 * (1.0 - cost["tuned"] / cost["before"])
     before, tuned = (result["metrics"][name] or {} for name in ("before", "tuned"))
     rows = [[name.replace("_", " "), before.get(name), tuned.get(name)] for name in before]
     variables = [[name, value["before"], value["tuned"]] for name, value in result["design_variables"].items()]
     return "\n\n".join(
         [
-            f"# {result['headline'].removesuffix('.')}",
+            f"# The objective fell by {reduction:.0f} % in {result['evaluations']} evaluations (seed {result['seed']})",
             result["scope"],
             stream.format_markdown_table(["", "before", "tuned"], rows),
             stream.format_markdown_table(["tuned number", "before", "tuned"], variables),

@@ -92,14 +92,15 @@ def build_pressure_chart(before: PressureProfile, tuned: PressureProfile) -> cha
 
 def format_page(result: dict[str, Any], evaluations: dict[str, Array]) -> str:
     """Return metrics, remarks and tuned parameters as Markdown."""
-    n_invalid = int((~(evaluations["cost"] < MAX_VALID_COST)).sum())
+    cost, n_invalid = result["cost"], int((~(evaluations["cost"] < MAX_VALID_COST)).sum())
+    reduction = 100.0 * (1.0 - cost["tuned"] / cost["before"])
     rows = [[row["name"], row["before"], row["tuned"], row["human"]] for row in result["table"]]
     variables = [[name, variable["before"], variable["tuned"]] for name, variable in result["design_variables"].items()]
     return "\n\n".join(
         [
-            f"# {result['headline'].removesuffix('.')}",
-            f"{n_invalid} of the {len(evaluations['cost'])} evaluations are not in the plots: the foot touched the "
-            "ground in swing, the gait failed, or the device was invalid.",
+            f"# The objective fell by {reduction:.0f} % in {result['evaluations']} evaluations (seed {result['seed']})",
+            f"{n_invalid} of them are not in the plots: the foot touched the ground in swing, the gait failed, or the "
+            "device was invalid.",
             stream.format_markdown_table(["", "before", "tuned", "human"], rows),
             *result["remarks"],
             stream.format_markdown_table(["tuned parameter", "before", "tuned"], variables),
