@@ -12,6 +12,7 @@ from klute_sim.comparison.comparison import Comparison, ComparisonOptions, compa
 from klute_sim.comparison.curve import average_repeats, summarize_curve
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
+from klute_sim.report.comparison.text import explain_numbers
 from tests.comparison.gait_recordings import add_reference, get_difference, make_gait, make_run
 
 
@@ -67,6 +68,19 @@ def test_baseline_selects_first_series() -> None:
     assert get_difference(there, label="b").bias == -get_difference(back, label="a").bias  # type: ignore[operator]
     with pytest.raises(InputError, match="unknown baseline 'd'; allowed labels: a, b, c"):
         compare(compared_runs, ComparisonOptions(baseline="d"))
+
+
+def test_reference_of_one_subject_is_not_called_human() -> None:
+    recording = add_reference(make_gait(rig="gait"))
+    provenance = {**recording.provenance, "reference": {"name": "me", "sha256": "0"}}
+    run = make_run("a", Recording(recording.channels, recording.units, provenance))
+    comparison = compare([run], ComparisonOptions(include_reference=True, baseline="subject me"))
+    assert [series.label for series in comparison.parts[0].series] == ["subject me", "a"]
+    explanations = " ".join(explain_numbers(comparison))
+    assert "'subject me' between the strides of this subject" in explanations
+    assert "subjects" not in explanations
+    with pytest.raises(InputError, match="allowed labels: a, subject me"):
+        compare([run], ComparisonOptions(include_reference=True, baseline="human"))
 
 
 def test_human_reference_is_series_with_band() -> None:

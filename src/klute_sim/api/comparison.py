@@ -173,7 +173,8 @@ def compare(
         domain: ``"phase"`` compares strides over the gait cycle, ``"time"`` whole recordings over their common time.
             None: phase if every recording has strides.
         channels: Channels to compare; ``["all"]`` for all. Empty: the main ones.
-        reference: Whether the human reference of the first gait run is added as the series ``"human"``.
+        reference: Whether the human reference of the first gait run is added as the series ``"human"`` (that
+            of one subject: ``"subject NAME"``).
         baseline: Label of the series that the others are compared with. None: the first one.
         skip_strides: Number of strides skipped at the start of each recording. None: 1 of a simulated gait, 0 of a
             measured one.

@@ -31,8 +31,8 @@ from klute_sim.cli.option_sections import Command, section
 @click.option(
     "--reference",
     is_flag=True,
-    help="Add the human reference of the first gait run as the series 'human', with its standard deviation between "
-    "subjects.",
+    help="Add the reference of the first gait run as the series 'human' (that of one subject: 'subject NAME'), with "
+    "its standard deviation between subjects (strides).",
 )
 @click.option(
     "--baseline",

@@ -10,7 +10,7 @@ from klute_sim.comparison.curve import MeanCurve
 from klute_sim.comparison.difference import Difference, compute_difference
 from klute_sim.comparison.remarks import Remarks
 from klute_sim.comparison.runs import ComparedRun
-from klute_sim.comparison.source import REFERENCE_LABEL, NamedRecordings, SeriesSource
+from klute_sim.comparison.source import NamedRecordings, SeriesSource
 from klute_sim.errors import InputError
 from klute_sim.types import Array
 
@@ -116,12 +116,13 @@ def compare(runs: Sequence[ComparedRun], options: ComparisonOptions | None = Non
 
 def _check_labels(runs: Sequence[ComparedRun], options: ComparisonOptions) -> None:
     labels = list(dict.fromkeys(run.label for run in runs))
-    if options.include_reference and REFERENCE_LABEL in labels:
-        raise InputError(
-            f"'{REFERENCE_LABEL}' is the label of the reference; give the run another label, as in LABEL=RUN"
-        )
     if options.include_reference:
-        labels.append(REFERENCE_LABEL)
+        reference = source.name_reference(next(iter(runs[0].parts.values())))
+        if reference in labels:
+            raise InputError(
+                f"'{reference}' is the label of the reference; give the run another label, as in LABEL=RUN"
+            )
+        labels.append(reference)
     if options.baseline is not None and options.baseline not in labels:
         raise InputError(f"unknown baseline '{options.baseline}'; allowed labels: {', '.join(labels)}")
 

@@ -9,11 +9,12 @@ from klute_sim.comparison.alignment import channels, resample
 from klute_sim.comparison.curve import MeanCurve, average_repeats, make_reference_curve
 from klute_sim.comparison.remarks import Remarks
 from klute_sim.errors import InputError
+from klute_sim.gait.reference import DEFAULT_NAME
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 
 REFERENCE_LABEL = "human"
-"""Label of the human reference."""
+"""Label of the default reference, which is of people; that of one subject has another (:func:`name_reference`)."""
 
 NamedRecordings = Sequence[tuple[str, Recording]]
 """Recordings of one label, each with its name in error messages."""
@@ -99,6 +100,13 @@ def make_phase_source(
     return SeriesSource(label, units, len(repeats), get_curve, has_simulated_repeats)
 
 
+def name_reference(recording: Recording) -> str:
+    """Return the label of the reference in ``recording``: "human", or that of the subject whose strides it holds."""
+    described = recording.provenance.get("reference")
+    name = described.get("name", DEFAULT_NAME) if isinstance(described, Mapping) else DEFAULT_NAME
+    return REFERENCE_LABEL if name == DEFAULT_NAME else f"subject {name}"
+
+
 def make_reference_source(source: SeriesSource, recordings: NamedRecordings, remarks: Remarks) -> SeriesSource:
     """Return the human reference in ``recordings``, whose strides are in ``source``."""
     recording_name, recording = recordings[0]
@@ -116,7 +124,7 @@ def make_reference_source(source: SeriesSource, recordings: NamedRecordings, rem
         )
     if (recording.provenance.get("options") or {}).get("slope_deg"):
         remarks.add(f"'{source.label}' is a gait on a slope, but the reference was measured on level ground.")
-    return SeriesSource(REFERENCE_LABEL, units, 0, curves.__getitem__)
+    return SeriesSource(name_reference(recording), units, 0, curves.__getitem__)
 
 
 def _resample_stride(recording: Recording, stride: resample.StrideSamples, channel: str) -> Array:

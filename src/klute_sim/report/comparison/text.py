@@ -10,6 +10,7 @@ from klute_sim.comparison.comparison import Comparison, ComparisonPart, Comparis
 from klute_sim.comparison.curve import summarize_curve
 from klute_sim.comparison.difference import MIN_SD_FRACTION, ROUNDING_TOLERANCE, BandKind, Difference
 from klute_sim.comparison.results import AXIS_UNITS
+from klute_sim.comparison.source import REFERENCE_LABEL
 
 CHANNEL_NOTES = {
     "ankle_angle": "dorsiflexion up",
@@ -31,6 +32,8 @@ INTERVAL_DESCRIPTIONS: dict[BandKind, str] = {
     "none": "",
 }
 """Kind of band -> the interval that a difference is compared with."""
+SUBJECT_INTERVAL = "the 95 % interval of the strides of this subject, including the error of the mean"
+"""The interval of the kind "reference" where the reference is made of strides of one subject."""
 PLAIN_RANGE = (Decimal("1e-5"), Decimal("1e7"))
 """Range of the magnitudes that are shown without an exponent."""
 MAX_LOCALIZED_FRACTION = 0.4
@@ -191,24 +194,28 @@ def explain_numbers(comparison: Comparison) -> list[str]:
     differences = [row.difference for row in rows]
     explanations = [f"Differences are those of the means: each other series minus '{first}'."]
     normalization = comparison.parts[0].normalization_series
+    is_of_people = all(s.label == REFERENCE_LABEL for s in comparison.parts[0].series if s.is_reference)
     if normalization.has_simulated_repeats and normalization.n_repeats > 1:
         explanations.append(
             f"rms/sd is not given: the strides of the simulation '{normalization.label}' repeat almost exactly, so "
             "their standard deviation is no measure of a difference; --reference adds that between people."
         )
     elif any(difference.rms_sd is not None for difference in differences):
-        scatter = "between subjects" if normalization.is_reference else "between its repeats"
+        scatter = "between its repeats"
+        if normalization.is_reference:
+            scatter = "between subjects" if is_of_people else "between the strides of this subject"
         explanations.append(
             f"rms/sd: rms difference divided by the rms standard deviation of '{normalization.label}' {scatter}; '-' "
             f"if that is unknown or below {100.0 * MIN_SD_FRACTION:g} % of the channel's range."
         )
+    intervals = INTERVAL_DESCRIPTIONS if is_of_people else {**INTERVAL_DESCRIPTIONS, "reference": SUBJECT_INTERVAL}
     bands: list[BandKind] = ["means", "prediction", "reference"]
     for band in bands:
         labelled = {row.label for row in rows if row.difference.band == band and not has_simulated_band(row)}
         if labelled:
             labels = _format_labels(comparison, labelled)
             explanations.append(
-                f"Beyond the band{labels}: intervals where the difference exceeds {INTERVAL_DESCRIPTIONS[band]}. "
+                f"Beyond the band{labels}: intervals where the difference exceeds {intervals[band]}. "
                 "Each point is tested alone, without correction for multiple comparisons."
             )
     if any(difference.band == "none" for difference in differences):
