@@ -14,7 +14,7 @@ from klute_sim.errors import InputError, KluteSimError
 from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, CaseResult
 from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.parameter_sweep.runner import ResultCallback
-from klute_sim.report.tuning.text import format_causes, format_change
+from klute_sim.report.tuning.text import format_causes, format_change, format_search_size
 from klute_sim.tuning.design_variables import DEFAULT_DEVICE_KEYS, DesignSpace, compute_violation
 from klute_sim.tuning.objective import (
     FALL_COST,
@@ -127,6 +127,10 @@ def test_sentence_names_the_part_that_made_the_objective_fall() -> None:
     assert format_causes(make_rows(tracking=(2.0, 2.0), air=(0.2, 0.1))) == ", because air fell; tracking did not"
     assert format_causes(make_rows(tracking=(2.0, 2.0), air=(0.2, 0.2))) == ""
     assert format_change(2.0, 2.0) == "The objective did not fall"
+    assert format_search_size(67, 6, 7, 0) == (
+        "Search: 67 evaluations (the start and 6 whole generations of 11), finer repeats of the start and 7 finalists; "
+        "seed 0."
+    )
 
 
 def test_invalid_weights_are_refused() -> None:

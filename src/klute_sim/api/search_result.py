@@ -121,7 +121,8 @@ class SearchResult(Printable, Generic[P, E]):
         from klute_sim.report.tuning.text import format_search_size
 
         yield self.format_headline()
-        yield format_search_size(self.evaluations, self.reevaluations, self.problem.seed)
+        n_generations, n_finalists = self.evaluations[-1].generation, len(self.reevaluations) - 1
+        yield format_search_size(len(self.evaluations), n_generations, n_finalists, self.problem.seed)
         yield self.scope
 
     def format_headline(self) -> str:

@@ -122,7 +122,8 @@ class TuningResult(Printable):
         from klute_sim.report.tuning.text import format_search_size
 
         yield self.format_headline()
-        yield format_search_size(self.evaluations, self.reevaluations, self.problem.seed)
+        n_generations, n_finalists = self.evaluations[-1].generation, len(self.reevaluations) - 1
+        yield format_search_size(len(self.evaluations), n_generations, n_finalists, self.problem.seed)
         yield self._build_table()
         yield self._build_objective_table()
         yield from self.summary["assumptions"]
@@ -130,15 +131,18 @@ class TuningResult(Printable):
         yield from self.summary["remarks"]
 
     def _build_table(self) -> "Table":
+        from klute_sim.report.gait.reference_text import shorten_reference_name
         from klute_sim.terminal_table import create_table
 
         table = create_table()
         columns = ("before", "tuned", "human")
+        reference = shorten_reference_name(self.problem.subject.reference.name)
         table.add_column("")
-        for name in columns:
-            table.add_column(name, justify="right")
+        for heading in (*columns[:2], reference):
+            table.add_column(heading, justify="right")
         for row in self.summary["table"]:
-            table.add_row(row["name"], *("-" if row[name] is None else f"{row[name]:.3f}" for name in columns))
+            label = row["name"].replace("to human", f"to {reference}")
+            table.add_row(label, *("-" if row[name] is None else f"{row[name]:.3f}" for name in columns))
         return table
 
     def _build_objective_table(self) -> "Table":

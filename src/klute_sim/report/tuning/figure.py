@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from klute_sim.recording.recording import Recording
+from klute_sim.report.gait.reference_text import shorten_reference_name
 from klute_sim.report.style import (
     EARLIER_COLOUR,
     HUMAN_COLOUR,
@@ -83,7 +84,8 @@ def _plot_pareto_front(
 def _plot_curves(axis: Axes, before: Recording, after: Recording, channel: str, scale: float, label: str) -> None:
     phase: Array = before["gait_phase"]
     if f"reference_{channel}" in before:
-        axis.plot(phase, before[f"reference_{channel}"] / scale, label="human", **HUMAN_LINE)
+        reference = shorten_reference_name(before.provenance["reference"]["name"])
+        axis.plot(phase, before[f"reference_{channel}"] / scale, label=reference, **HUMAN_LINE)
     axis.plot(phase, before[channel] / scale, color=EARLIER_COLOUR, linewidth=1.2, label="before")
     axis.plot(after["gait_phase"], after[channel] / scale, color=PROSTHESIS_COLOUR, linewidth=1.4, label="tuned")
     axis.set_xlim(0, 100)

@@ -3,8 +3,6 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from klute_sim.tuning.search import Evaluated
-
 MIN_CAUSE_FRACTION = 0.2
 """Smallest fraction of the sum of all falls for which a part of the objective is named as a cause (assumed)."""
 MIN_CHANGE_PCT = 0.5
@@ -18,9 +16,8 @@ def format_change(before: float, tuned: float) -> str:
     return f"The objective fell by {100.0 * (1.0 - tuned / before):.0f} %"
 
 
-def format_search_size(evaluations: Sequence[Evaluated], reevaluations: Sequence[Evaluated], seed: int) -> str:
-    """Return a sentence on the number of evaluations, why it may exceed the budget, and the finer repeats."""
-    n, n_generations, n_finalists = len(evaluations), evaluations[-1].generation, len(reevaluations) - 1
+def format_search_size(n: int, n_generations: int, n_finalists: int, seed: int) -> str:
+    """Return a sentence on the ``n`` evaluations, why they may exceed the budget, and the finer repeats."""
     size = f"{n} evaluation{'s' * (n != 1)}"
     if n_generations:
         size += f" (the start and {n_generations} whole generation{'s' * (n_generations != 1)}"
