@@ -1,10 +1,14 @@
 """Tables of the terminal, all in one style."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from rich import box
 from rich.table import Column, Table
 from rich.text import Text
+
+MAX_NAMES = 4
+"""Maximum number of names that a sentence lists."""
 
 
 def create_table(*headings: str, title: str = "", **options: Any) -> Table:
@@ -22,3 +26,9 @@ def create_table(*headings: str, title: str = "", **options: Any) -> Table:
         collapse_padding=True,
         **options,
     )
+
+
+def abbreviate(names: Sequence[str]) -> str:
+    """Return ``names`` as an enumeration, of which the last are only counted if there are many."""
+    n_omitted = len(names) - MAX_NAMES
+    return ", ".join(names[:MAX_NAMES]) + (f" and {n_omitted} more" if n_omitted > 0 else "")

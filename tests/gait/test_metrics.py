@@ -230,9 +230,11 @@ def test_summary_lists_the_assumptions() -> None:
     assert "tracked, not predicted" in remarks
     assert "5 assumptions" in remarks
     assert "for 100 % of the stride the pressure is below 2 bar, where the friction is extrapolated" in remarks
-    assert "no source" not in remarks
-    without = " ".join(collect_remarks({**summary, "without_source": ["muscle.count", "tendon.engagement_mm"]}))
-    assert "2 of the device's numbers have no source" in without
+    assert "without a source" not in remarks
+    one = " ".join(collect_remarks({**summary, "without_source": ["muscle.count"]}))
+    assert "5 assumptions (see summary.json) and 1 number without a source: muscle.count; for 100 %" in one
+    two = " ".join(collect_remarks({**summary, "without_source": ["muscle.count", "tendon.engagement_mm"]}))
+    assert "and 2 numbers without a source: muscle.count, tendon.engagement_mm;" in two
 
 
 def test_friction_remark_needs_friction_below_two_bar() -> None:

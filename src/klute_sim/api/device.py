@@ -4,10 +4,11 @@ from typing import Any
 
 from klute_sim.api.inputs import DeviceLike, to_device
 from klute_sim.api.rendering import Summary
-from klute_sim.device.outdated_sources import find_outdated_sources
+from klute_sim.device.device import list_presets, load_device
+from klute_sim.device.schema.document import DeviceSpec
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
-from klute_sim.terminal_table import create_table
+from klute_sim.terminal_table import abbreviate, create_table
 from klute_sim.units import BAR
 
 LENGTH_RATIOS = (0.7, 0.8, 0.9, 0.96, 1.0)
@@ -43,7 +44,7 @@ def describe_device(device: DeviceLike, pressure_bar: float | None = None) -> di
         forces.append(
             {"ratio": ratio, "geometric_n": geometric, "bladder_n": with_bladder, "friction_n": with_friction}
         )
-    outdated = find_outdated_sources(device.spec)
+    outdated = device.spec.find_outdated_sources()
     is_other_muscle = any(key.startswith("muscle.") for key in outdated)
     published = [
         {
@@ -55,15 +56,16 @@ def describe_device(device: DeviceLike, pressure_bar: float | None = None) -> di
         }
         for point in ([] if is_other_muscle else device.spec.published)
     ]
-    sources, assumptions = device.spec.sources, device.spec.collect_assumptions()
+    sources, assumptions = device.spec.collect_sources(), device.spec.collect_assumptions()
     return {
         "name": device.name,
         "description": device.spec.description,
+        "description_of": _find_described_preset(device.spec),
         "numbers": [
             {
                 "key": key,
                 "value": value,
-                "source": None if key in outdated else sources.get(key),
+                "source": sources.get(key),
                 "assumed": key in assumptions,
             }
             for key, value in device.spec.collect_values().items()
@@ -76,9 +78,27 @@ def describe_device(device: DeviceLike, pressure_bar: float | None = None) -> di
     }
 
 
+def _find_described_preset(spec: DeviceSpec) -> dict[str, Any] | None:
+    """Return the preset whose description ``spec`` has although numbers differ, with these; None: there is none."""
+    for name in list_presets():
+        preset = load_device(name).spec
+        if spec.description and spec.description == preset.description:
+            numbers, original_numbers = spec.collect_values(), preset.collect_values()
+            keys = list(numbers | original_numbers)
+            changed = [key for key in keys if numbers.get(key) != original_numbers.get(key)]
+            return {"name": name, "changed_numbers": changed} if changed else None
+    return None
+
+
 def format_description(description: dict[str, Any]) -> Summary:
     """Yield the tables and sentences of a device ``description`` (:func:`describe_device`)."""
     yield f"{description['name']}: {description['description']}"
+    preset = description["description_of"]
+    if preset:
+        yield (
+            f"This is the description of preset {preset['name']}, but other numbers apply here: "
+            f"{abbreviate(preset['changed_numbers'])}. Change it in the file, and the comments above it."
+        )
     numbers = create_table("number", "value", "source")
     for row in description["numbers"]:
         source = row["source"] or "no source given"

@@ -5,12 +5,11 @@ import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
 from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.preset_files import read_presets
 from klute_sim.device.schema.document import (
     Damper,
     DeviceSpec,
@@ -202,9 +201,9 @@ class Device:
 
     def _repr_html_(self) -> str:
         """Return a table of all numbers with their sources, for notebooks."""
+        sources = self.spec.collect_sources()
         rows = "".join(
-            f"<tr><td>{html.escape(key)}</td><td>{value:g}</td>"
-            f"<td>{html.escape(self.spec.sources.get(key, ''))}</td></tr>"
+            f"<tr><td>{html.escape(key)}</td><td>{value:g}</td><td>{html.escape(sources.get(key, ''))}</td></tr>"
             for key, value in self.spec.collect_values().items()
         )
         title = f"<p><b>{html.escape(self.name)}</b>: {html.escape(self.spec.description)}</p>"
@@ -221,15 +220,9 @@ def set_number(content: dict[str, Any], key: str, value: float, source: str) -> 
     content.setdefault("sources", {})[key] = source
 
 
-def _get_preset_folder() -> Traversable:
-    return resources.files("klute_sim.device") / "presets"
-
-
 def list_presets() -> list[str]:
     """Return the names of the devices that come with the package."""
-    return sorted(
-        file.name.removesuffix(".toml") for file in _get_preset_folder().iterdir() if file.name.endswith(".toml")
-    )
+    return list(read_presets())
 
 
 def load_device(name_or_path: str | Path) -> Device:
@@ -241,8 +234,8 @@ def load_device(name_or_path: str | Path) -> Device:
     name = str(name_or_path)
     if name in ("", "."):  # a shell variable that is not set
         raise InputError("the name of the device is empty: give the path of a device file, or a preset")
-    if name in list_presets():
-        return parse_device((_get_preset_folder() / f"{name}.toml").read_bytes(), name)
+    if name in read_presets():
+        return parse_device(read_presets()[name], name)
     try:
         content = read_bytes(name, DEVICE)
     except MissingFileError:

@@ -11,6 +11,7 @@ from pydantic import Field, FiniteFloat, ValidationError, field_validator, model
 from pydantic_core import PydanticCustomError
 
 from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.outdated_sources import find_outdated_sources
 from klute_sim.device.schema import effects as schema_effects
 from klute_sim.device.schema import supply as schema_supply
 from klute_sim.device.schema.foot import RIGID_FOOT, SHOE_ASSUMPTIONS, FootSection, expand_foot
@@ -270,9 +271,18 @@ class DeviceSpec(DeviceFileSection):
             numbers.update({f"effects.{effect}.{k}": v for k, v in content.items() if not isinstance(v, str)})
         return numbers
 
+    def find_outdated_sources(self) -> dict[str, float]:
+        """Return the keys whose source was copied from a preset with another value, with this value."""
+        return find_outdated_sources(self.sources, self.collect_values())
+
+    def collect_sources(self) -> dict[str, str]:
+        """Return ``section.key`` -> source for the numbers whose source is not that of another value."""
+        outdated = self.find_outdated_sources()
+        return {key: source for key, source in self.sources.items() if key not in outdated}
+
     def collect_assumptions(self) -> dict[str, str]:
         """Return the assumed numbers: ``section.key`` -> reason."""
-        return {k: v for k, v in self.sources.items() if v.startswith("assumed")}
+        return {key: source for key, source in self.collect_sources().items() if source.startswith("assumed")}
 
     def describe_foot(self) -> dict[str, Any]:
         """Return the name of the foot and what is assumed about it, in JSON types."""
@@ -282,8 +292,9 @@ class DeviceSpec(DeviceFileSection):
         return {"name": self.foot.name, "assumed": assumed | (SHOE_ASSUMPTIONS if self.foot.shoe else {})}
 
     def list_unsourced_keys(self) -> list[str]:
-        """Return the ``section.key`` of all numbers without a source."""
-        return [key for key in self.collect_values() if key not in self.sources]
+        """Return the ``section.key`` of all numbers without a source, or with the source of another value."""
+        sources = self.collect_sources()
+        return [key for key in self.collect_values() if key not in sources]
 
     def to_parameters(self) -> DeviceParameters:
         """Return the parameters in SI units, with neutral values for missing sections."""

@@ -19,7 +19,7 @@ from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.gait.rig.hip_path import FORWARD_TOLERANCE_BW, MAX_LEARNING_STRIDES, VERTICAL_TOLERANCE_BW
 from klute_sim.recording.recording import Recording
 from klute_sim.report.gait.reference_text import shorten_reference_name
-from klute_sim.terminal_table import create_table
+from klute_sim.terminal_table import abbreviate, create_table
 
 Row: TypeAlias = tuple[str, str, str, Callable[[StrideMetrics], float | None]]
 """Label, unit, number format, and metric of a stride."""
@@ -268,12 +268,13 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
             f"From stride {short_strides[0]} on, the supply pressure was at times below the commanded pressure: the "
             "tank runs empty, or the command exceeds the supply. The means hide this."
         )
-    below_fit, n_unsourced = summary["below_friction_fit_pct"], len(summary["without_source"])
+    below_fit, unsourced = summary["below_friction_fit_pct"], summary["without_source"]
+    numbers = f"{len(unsourced)} {'number' if len(unsourced) == 1 else 'numbers'} without a source"
     fade = f"; for {below_fit:.0f} % of the stride the pressure is below 2 bar, where the friction is extrapolated"
-    unsourced = f" {n_unsourced} of the device's numbers have no source." if n_unsourced else ""
     remarks.append(
         f"The result rests on {len(summary['assumptions'])} assumptions (see summary.json)"
-        f"{fade if below_fit and summary['friction_offset_work_j_per_kg'] else ''}.{unsourced}"
+        f"{f' and {numbers}: {abbreviate(unsourced)}' if unsourced else ''}"
+        f"{fade if below_fit and summary['friction_offset_work_j_per_kg'] else ''}."
     )
     return remarks
 
