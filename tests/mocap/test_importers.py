@@ -201,6 +201,7 @@ def test_sentences_name_the_file_of_the_plates_not_the_first_of_the_trial(tmp_pa
     assert has_sentence(imported, "warnings", f"{grf.name}: plate 1 is 12.0 N on the empty plate")
     files = {entry["channel"]: entry["file"] for entry in imported.log.channels}
     assert files["grf_forward"] == grf.name
+    assert {e["column"] for e in imported.log.channels if e["channel"] == "grf_forward"} == {"force plates"}
     assert files["knee centre"] == trc_path.name
 
 

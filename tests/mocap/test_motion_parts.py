@@ -315,3 +315,16 @@ def test_strides_in_recording_end_with_their_own_samples() -> None:
     result = resample.find_strides(recording, "strides_right.parquet")
     for stride, ramp in zip(result, ramps.values(), strict=True):
         assert resample.resample_phase(recording, stride, "knee_angle") == pytest.approx(ramp, abs=1e-12)
+
+
+def test_sign_of_a_load_stands_in_the_row_of_its_column() -> None:
+    log = ImportLog()
+    place = {"channel": "grf_forward", "side": "left", "file": "a.csv", "unit": "N"}
+    log.add_channel(**place, column="GRF_x", sign=1, zero=0.0, reason="unit by the label")
+    for _ in range(2):
+        log.add_sign(-1, "the ground brakes first", **place)
+    log.add_sign(1, "the ground brakes first", **{**place, "side": "right"})
+    left, right = log.channels
+    assert (left["column"], left["sign"]) == ("GRF_x", -1)
+    assert left["reason"] == "unit by the label; sign: the ground brakes first"
+    assert (right["side"], right["column"], right["sign"]) == ("right", "force plates", 1)

@@ -55,6 +55,17 @@ class ImportLog:
         if entry not in self.channels:
             self.channels.append(entry)
 
+    def add_sign(self, sign: int, reason: str, *, channel: str, side: str, file: str, unit: str) -> None:
+        """Add the detected ``sign`` of a channel to its origin, or the origin if the load of a force plate has none."""
+        entries = [e for e in self.channels if (e["channel"], e["side"], e["file"]) == (channel, side, file)]
+        reason = f"sign: {reason}"
+        if not entries:
+            place = {"channel": channel, "side": side, "file": file, "column": "force plates"}
+            self.add_channel(**place, unit=unit, sign=sign, zero=0.0, reason=reason)
+        for entry in entries:
+            if not entry["reason"].endswith(reason):
+                entry.update(sign=sign, reason=f"{entry['reason']}; {reason}")
+
     def as_json(self) -> dict[str, Any]:
         """Return the log as JSON types."""
         return {

@@ -53,16 +53,8 @@ def resample_loads(
         )
     forward_raw = (sign or 1) * loads.forward
     if sign is not None:
-        log.add_channel(
-            **{
-                "channel": channel_names.GRF_FORWARD,
-                "side": side,
-                "file": loads.file_name,
-                "column": "as above, converted",
-            },
-            **{"unit": "N", "sign": sign, "zero": 0.0},
-            reason=conventions.SIGN_RULES[channel_names.GRF_FORWARD],
-        )
+        reason = conventions.SIGN_RULES[channel_names.GRF_FORWARD]
+        log.add_sign(sign, reason, channel=channel_names.GRF_FORWARD, side=side, file=loads.file_name, unit="N")
     impulses = []
     for c in contacts:
         if c.has_foot_strike and c.has_toe_off:
