@@ -97,6 +97,7 @@ def test_any_subset_of_measured_channels_is_allowed(tmp_path: Path) -> None:
             "column 'time [s]', line 6: the cell is empty; every sample needs",
         ),
         (columns(time=replace_row(4, 0.03)), "the time repeats at line 6 (0.03 s after 0.03 s); time must increase"),
+        (columns(time=replace_row(4, 0.02)), "row to row; if several tests follow each other, write each into a"),
         (columns(time=replace_row(4, 0.02)), "the time decreases at line 6 (0.02 s after 0.03 s)"),
         (
             columns(length=replace_row(0, np.nan)),

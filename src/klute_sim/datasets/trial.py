@@ -192,6 +192,7 @@ def _extract_time(file: Table) -> Array:
         raise InputError(
             f"trial file {file.source}: the time {fault} at {file.locate_row(row)} ({time[row]:.9g} s after "
             f"{time[row - 1]:.9g} s); time must increase from row to row"
+            f"{'; if several tests follow each other, write each into a file of its own' * (fault == 'decreases')}"
         )
     return time
 

@@ -64,8 +64,9 @@ def write_dataset_draft(
     groups = group_repeats(files)
     shared = _find_shared_choices(files)
     missing = _list_missing(files)
+    n_files = f"{len(files)} {'file' if len(files) == 1 else 'files'}"
     lines = [
-        f"# Draft from the headings and samples of {len(files)} files. Check every line, and correct what is wrong.",
+        f"# Draft from the headings and samples of {n_files}. Check every line, and correct what is wrong.",
         f'format = "{FORMAT_NAME}"',
         'rig = "bench"',
         f"device = {json.dumps(device_reference)}",
