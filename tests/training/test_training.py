@@ -117,7 +117,8 @@ def test_missing_extra_raises_one_sentence(tmp_path: Path) -> None:
     assert completed.returncode == 2
     assert completed.stderr == (
         "klute-sim: klute-sim train needs the optional extra 'rl': pip install '.[rl]' in the project's folder; "
-        "without a graphics card, first pip install torch --index-url https://download.pytorch.org/whl/cpu\n"
+        "without a graphics card, first pip install torch --index-url https://download.pytorch.org/whl/cpu; "
+        "without torch: python examples/cross_entropy.py (docs/training.md)\n"
     )
     assert not (tmp_path / "walker").exists()
 

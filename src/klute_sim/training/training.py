@@ -27,7 +27,10 @@ from klute_sim.training.folder import CHECKPOINT_FILE, CONFIG_FILE, LEARNING_CUR
 
 LEARNING_CURVE_COLUMNS = ("minutes", "steps", "episodes", "episode_return", "episode_steps")
 """Columns of the learning curve: totals since the start, and means over the episodes that ended since the last row."""
-CPU_ADVICE = "; without a graphics card, first pip install torch --index-url https://download.pytorch.org/whl/cpu"
+INSTALLATION_ADVICE = (
+    "; without a graphics card, first pip install torch --index-url https://download.pytorch.org/whl/cpu; "
+    "without torch: python examples/cross_entropy.py (docs/training.md)"
+)
 """End of the sentence without Stable-Baselines3: the default torch brings 4 GB of CUDA."""
 UNLIMITED_STEPS = 10**12
 """Number of steps that a training never reaches."""
@@ -65,7 +68,7 @@ class Training:
             import stable_baselines3
             import torch
         except ImportError:
-            raise MissingExtraError("klute-sim train", "rl", CPU_ADVICE) from None
+            raise MissingExtraError("klute-sim train", "rl", INSTALLATION_ADVICE) from None
         from klute_sim.training.vec_env import TrainingVecEnv
 
         torch.set_num_threads(1)  # the networks are small: more threads would only take cores from the simulations
