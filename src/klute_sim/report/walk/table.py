@@ -24,6 +24,10 @@ CURVE_LABELS = {
 """Label, unit and format of the rms difference to able-bodied adults."""
 
 
+MIN_CORRELATION, MAX_RMS_DEG = 0.8, 10.0
+"""Correlation below which, and rms difference above which, a remark calls a joint angle unlike that of people."""
+
+
 def format_headline(summary: dict[str, Any]) -> str:
     """Return in one sentence how far and how fast the person walked, at what cost, or when it fell."""
     name = summary["prosthesis"] or "intact person"
@@ -86,6 +90,15 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
         )
     else:
         remarks.append(f"Walker: {walker}, adapted to this condition.")
+    differences = [
+        f"{joint} of the {'prosthetic' if summary['prosthesis'] and side == 'right' else side} leg "
+        f"(r = {leg['likeness'][joint]['correlation']:.2f}, {leg['likeness'][joint]['rms']:.0f} deg rms)"
+        for side, leg in summary["legs"].items()
+        for joint in ("hip", "knee", "ankle")
+        if leg["likeness"][joint]["correlation"] < MIN_CORRELATION or leg["likeness"][joint]["rms"] > MAX_RMS_DEG
+    ]
+    if differences:
+        remarks.append(f"Joint angles that differ from those of people: {'; '.join(differences)}.")
     remarks.append(
         "Predicted by a planar model of 7 segments and 14 muscles: nothing is said about balance sideways, the socket, "
         "or how real people adapt (docs/walk.md)."
