@@ -16,7 +16,9 @@ from klute_sim.play import controls as keys
 from klute_sim.play.controls import SCENES, Controls
 from klute_sim.play.recording import record_video
 from klute_sim.play.session import PlaySession
-from klute_sim.rendering import graphics_context, video
+from klute_sim.rendering import graphics_context, video, window
+from klute_sim.rendering.frames import RenderOptions
+from klute_sim.rendering.graphics_context import RenderingError
 from klute_sim.rendering.video import FRAME_RATE
 from tests.command_line import run
 
@@ -178,6 +180,18 @@ def test_command_writes_a_video(tmp_path: Path) -> None:
     refused = run("play", "gait", "--camera", "top", *options, cwd=tmp_path)
     assert refused.returncode == 2
     assert "the model has no camera 'top'" in refused.stderr
+
+
+@needs_library
+def test_without_a_display_the_command_is_repeated_as_one_for_a_video(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(window, "has_display", lambda: False)
+    refused = run("play", "walk", "--pressure", "0.50", "--size", "48", "32")
+    assert refused.returncode != 0
+    assert "write a video instead: klute-sim play walk --pressure 0.5 --size 48 32 --video walk.gif" in refused.stderr
+    assert "render_mode" not in refused.stderr
+    assert run("play").stderr.endswith("klute-sim play --video gait.gif\n")
+    with pytest.raises(RenderingError, match=r"draw images instead: render_mode 'rgb_array'$"):
+        RenderOptions(render_mode="human")
 
 
 @pytest.mark.extras

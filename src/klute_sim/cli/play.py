@@ -1,5 +1,6 @@
 """``klute-sim play``."""
 
+import shlex
 from pathlib import Path
 
 import click
@@ -94,7 +95,7 @@ def command(
 
     # What is missing is said before the simulation is built.
     if video is None:
-        check_window("klute-sim play")
+        check_window("klute-sim play", f"write a video instead: {_format_video_command(scene)}")
     else:
         check_video_path(video)
         find_context_module("klute-sim play --video")
@@ -117,3 +118,17 @@ def command(
     with progress_bar("drawing") as progress:
         record_video(session, video, seconds=seconds, camera=camera, size=size, progress=progress)
     write_text(f"{video}\n")
+
+
+def _format_video_command(scene: str) -> str:
+    """Return the command of the user as one that writes a video."""
+    context = click.get_current_context()
+    words = ["klute-sim", "play"]
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if common.is_given(context, name):
+            value = context.params[name]
+            values = value if isinstance(value, tuple) else (value,)
+            option = [parameter.opts[0]] if isinstance(parameter, click.Option) else []
+            words += [*option, *(f"{v:g}" if isinstance(v, float) else str(v) for v in values)]
+    return shlex.join([*words, "--video", f"{scene}.gif"])

@@ -49,7 +49,7 @@ class RenderOptions:
                 f"the image size is {self.width} x {self.height}; allowed: 1 to {MAX_PIXELS} pixels in each direction"
             )
         if self.render_mode == "human":
-            check_window(self.feature)
+            check_window(self.feature, "draw images instead: render_mode 'rgb_array'")
         elif self.render_mode is not None:
             find_context_module(self.feature)  # a system that cannot draw is refused now, not at the first picture
 

@@ -96,11 +96,12 @@ class ViewerWindow:
             time.sleep(lead)
 
 
-def check_window(feature: str) -> None:
-    """Raise MissingExtraError without the optional extra, and RenderingError when the system has no display."""
+def check_window(feature: str, alternative: str = "") -> None:
+    """Raise MissingExtraError without the optional extra, and RenderingError when the system has no display.
+
+    ``alternative`` ends the sentence: what needs no display.
+    """
     check_rendering_extra(feature)
     if not has_display():
-        raise RenderingError(
-            f"{feature} opens a window, and this system has no display; draw images instead: render_mode 'rgb_array', "
-            "or klute-sim play --video walk.gif"
-        )
+        advice = f"; {alternative}" if alternative else ""
+        raise RenderingError(f"{feature} opens a window, and this system has no display{advice}")
