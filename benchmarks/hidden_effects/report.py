@@ -17,7 +17,6 @@ from benchmarks.hidden_effects.score import (
     residual_over_noise,
 )
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 OWN_METHOD = "klute-sim"
