@@ -17,6 +17,7 @@ from benchmarks.hidden_effects.score import (
     residual_over_noise,
 )
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 OWN_METHOD = "klute-sim"
@@ -91,7 +92,7 @@ def print_report(
         if metric.value is not None:
             interval = "" if metric.low is None else f"{metric.low:.2f} to {metric.high:.2f}"
             met = {None: "", True: "yes", False: "no"}[metric.met]
-            targets.add_row(metric.name, f"{metric.value:.3g}", interval, str(metric.n), metric.target, met)
+            targets.add_row(escape(metric.name), f"{metric.value:.3g}", interval, str(metric.n), metric.target, met)
     out.print(targets)
     out.print({key: value for key, value in totals.items() if key != "metrics"})
     if methods:
