@@ -237,6 +237,18 @@ def test_exponent_of_an_isothermal_change_is_no_obstacle_to_a_name() -> None:
     simulator.close()
 
 
+def test_only_the_lower_end_of_the_critical_ratio_is_a_limit_of_physics() -> None:
+    trials = make_repeats([np.linspace(0.0, 500.0, 100)] * 2)
+    simulator = Simulator(1)
+    data = WeightedData(simulator, trials, {})
+    fit = make_fit((EffectTerm("choked_valve", "symmetric"),), [1.0, 0.0])
+    ratio = fit.hypothesis.parameters[-1]
+    for value, is_refused in ((0.01, False), (0.3, False), (0.6, True)):
+        obstacle = find_naming_obstacle(data, replace(fit, x=np.array([fit.x[0], ratio.normalize(value)])))
+        assert ("'critical_ratio' at its bound" in obstacle) == is_refused
+    simulator.close()
+
+
 def test_effect_whose_interval_contains_its_absence_is_found() -> None:
     fit = make_fit((FRICTION, GAIN), [1.0, 1.0])
     assert find_term_without_effect(fit, [(5.0, 60.0), (0.97, 0.99)]) is None

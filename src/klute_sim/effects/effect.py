@@ -83,8 +83,8 @@ class EffectParameter:
     """Value of a magnitude that occurs in practice."""
     source: str
     """Source of range and typical value; begins with 'assumed' if neither is published."""
-    has_physical_limits: bool = False
-    """Whether the range ends where physics does, as between isothermal and adiabatic: a fit may end there, too."""
+    physical_limits: tuple[float, ...] = ()
+    """Ends of the range where physics ends, too, as those of isothermal and adiabatic change: a fit may end there."""
     diameter_exponent: float = 0.0
     """Power of the muscle's diameter with which the value changes in an otherwise equal muscle of another diameter; 0
     for ratios and where the law itself contains the diameter."""

@@ -103,11 +103,11 @@ def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter
         if parameter.term_index is None:
             continue
         term = hypothesis.terms[parameter.term_index]
-        if any(p.key == parameter.name and p.has_physical_limits for p in term.parameters):
-            continue
+        physical_limits = next((p.physical_limits for p in term.parameters if p.key == parameter.name), ())
         tolerance = BOUND_TOLERANCE * min(1.0, float(upper[index] - lower[index]))
         for bound in (float(lower[index]), float(upper[index])):
-            if math.isfinite(bound) and abs(float(x) - bound) < tolerance:
+            is_reached = math.isfinite(bound) and abs(float(x) - bound) < tolerance
+            if is_reached and not any(math.isclose(parameter.denormalize(bound), end) for end in physical_limits):
                 yield term, parameter, bound
 
 

@@ -122,7 +122,7 @@ _CRITICAL_RATIO = EffectParameter(
     typical=NOZZLE_CRITICAL_RATIO,
     source="ISO 6358: b of about 0.5 for short nozzles, 0.2 to 0.5 for valves, towards 0 for long tubes and several "
     "restrictions in series (0.01 here: a fit uses the logarithm)",
-    has_physical_limits=True,
+    physical_limits=(0.01,),
 )
 
 CHOKED_VALVE = Effect(
@@ -182,7 +182,7 @@ VOLUME_COUPLING = Effect(
                     upper=1.4,
                     typical=1.2,
                     source="between isothermal and adiabatic",
-                    has_physical_limits=True,
+                    physical_limits=(1.0, 1.4),
                 ),
             ),
             laws={"supply": delay_volume_compensation},
