@@ -142,11 +142,12 @@ def get_callbacks() -> Callbacks:
         ),
         "to_tuple": to_fixed_tuple,
     }
-    code = compile_module(struct_access, **offsets, **functions)
+    code = compile_module(struct_access, makes_arrays=True, **offsets, **functions)
     signature = types.float64(types.voidptr, types.voidptr, types.intc)
     constants = repr((sorted(offsets.items()), struct_access.USER_DYNAMICS))
     act_dyn, act_bias = (
-        compile_cached(numba.cfunc, function, signature, constants) for function in (code.act_dyn, code.act_bias)
+        compile_cached(numba.cfunc, function, signature, constants, makes_arrays=True)
+        for function in (code.act_dyn, code.act_bias)
     )
     for callback in (act_dyn, act_bias):
         callback.ctypes.argtypes = (_StructArgument, _StructArgument, ctypes.c_int)

@@ -41,11 +41,11 @@ _SOURCE_FOLDERS = ("laws", "effects", "device", "plant")
 """Packages whose source determines the machine code."""
 
 
-def compile_module(module: types.ModuleType, **overrides: Any) -> types.ModuleType:
+def compile_module(module: types.ModuleType, *, makes_arrays: bool = False, **overrides: Any) -> types.ModuleType:
     """Return a copy of ``module`` whose functions are compiled at their first call, which must be from compiled code.
 
-    Laws and effects that the module uses, as modules or as functions, are compiled likewise. ``overrides`` replace
-    names of the copy.
+    Laws and effects that the module uses, as modules or as functions, are compiled likewise. ``makes_arrays`` says
+    whether functions of the module allocate or return arrays. ``overrides`` replace names of the copy.
     """
     copy = types.ModuleType(f"{module.__name__} (compiled)")
     names = vars(copy)
@@ -56,17 +56,26 @@ def compile_module(module: types.ModuleType, **overrides: Any) -> types.ModuleTy
         elif inspect.isfunction(value) and value.__module__ == module.__name__:
             function = types.FunctionType(value.__code__, names, name, value.__defaults__)
             function.__module__ = module.__name__
-            names[name] = _compile_function(function)
+            names[name] = _compile_function(function, makes_arrays=makes_arrays)
         elif inspect.isfunction(value) and _is_compilable_module(value.__module__):
             names[name] = getattr(_get_compiled_module(sys.modules[value.__module__]), value.__name__)
     names.update(overrides)
     return copy
 
 
-def _compile_function(function: Any) -> Any:
+def _compile_function(function: Any, *, makes_arrays: bool = False) -> Any:
     # Division by zero gives inf or NaN, as in C: an exception could not leave a callback anyway.
     # Wrappers for calls from Python and C would convert every number of every effect, and double the compile time.
-    return numba.njit(function, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    # Numba's memory management (NRT) counts the references to each array that a function passes on, which would take
+    # four fifths of a time step. Laws need it only where a user's allocates arrays.
+    return numba.njit(
+        function,
+        error_model="numpy",
+        forceinline=True,
+        no_cpython_wrapper=True,
+        no_cfunc_wrapper=True,
+        _nrt=makes_arrays or _is_users_module(function.__module__),
+    )
 
 
 def _is_compilable_module(module: str) -> bool:
@@ -74,6 +83,10 @@ def _is_compilable_module(module: str) -> bool:
         return False
     if module.startswith(_COMPILABLE_PACKAGES) or module in _COMPILABLE_MODULES:
         return True
+    return _is_users_module(module)
+
+
+def _is_users_module(module: str) -> bool:
     return any(module == user_module.__name__ for user_module in catalogue.get_user_modules())
 
 
@@ -100,20 +113,24 @@ def compile_device_functions() -> dict[str, Any]:
     }
 
 
-def compile_cached(decorator: Callable[..., Any], function: Any, signature: Any, constants: str = "") -> Any:
+def compile_cached(
+    decorator: Callable[..., Any], function: Any, signature: Any, constants: str = "", *, makes_arrays: bool = False
+) -> Any:
     """Return ``function`` of a copied module, compiled for ``signature`` or loaded from the cache on disk.
 
     ``decorator`` is ``numba.njit`` or ``numba.cfunc``. The cache of numba follows only the file of the function
     itself, so it would keep the machine code of a law that has changed since. The name of the compiled function
-    therefore contains a hash of all sources and ``constants`` that determine its code.
+    therefore contains a hash of all sources and ``constants`` that determine its code. ``makes_arrays`` is that of
+    :func:`compile_module`.
     """
+    options = {"error_model": "numpy", "_nrt": makes_arrays}
     python_function = function.py_func
     python_function.__qualname__ = f"{python_function.__name__}_{_hash_sources(constants)}"
     with announce_slow_compilation():
         try:
-            return decorator(signature, cache=True, error_model="numpy")(python_function)
+            return decorator(signature, cache=True, **options)(python_function)
         except (OSError, RuntimeError):  # a full disk, or no writable folder: compile without cache
-            return decorator(signature, error_model="numpy")(python_function)
+            return decorator(signature, **options)(python_function)
 
 
 @cache
