@@ -61,7 +61,7 @@ def _compile() -> StepFunctions:
     llvmlite.binding.add_symbol(_STEP_SYMBOL, _find_step_address())
     step_model = types.ExternalFunction(_STEP_SYMBOL, types.void(types.int64, types.int64))
     names = {"step_model": step_model, "to_tuple": to_fixed_tuple}
-    modules = {"muscles": compile_module(muscles), "reflexes": compile_module(reflexes)}
+    modules: dict[str, Any] = {"muscles": compile_module(muscles), "reflexes": compile_module(reflexes)}
     module = compile_module(stepping, **modules, **names)
     series, table = types.float64[::1], types.float64[:, ::1]
     number_types = [types.float64] * 6 + [types.int64] * 8
