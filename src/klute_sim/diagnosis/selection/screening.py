@@ -34,6 +34,9 @@ PROBE_FRACTION = 0.3
 SUPPLY_PROBES = 3.0, 30.0
 """Sizes, over the typical one, at which effects are probed as well where only the pressure was measured (assumed: a
 needle valve that fills a thin muscle in seconds resists thirty times as much as the typical valve of a pair)."""
+MAX_SMALL_EFFECT, MIN_SMALL_PROBE = 0.5 * PROBE_FRACTION, 0.01
+"""Predicted size below which an effect on a mechanism with free joints is probed again at this size, and the smallest
+size of such a probe (assumed)."""
 PRIOR_DEVIATION_SIGMAS = 1.5
 """Deviation of a device's number from its prior [standard deviations] above which effects are also probed there."""
 MIN_PRIOR_GAIN_FRACTION, MAX_PRIOR_CANDIDATES = 0.5, 3
@@ -181,8 +184,10 @@ def screen_candidates(
     ``report_divergence`` receives each term with which a simulation diverges; it is no candidate.
 
     The fitted parameters imitate an effect in linear approximation only. An effect that they imitate for the most part
-    is probed again at its typical size, with the fitted parameters shifted accordingly. Where numbers of the device
-    deviate far from their priors, the missing effect may be the reason, so effects are also probed at the priors.
+    is probed again at its typical size, with the fitted parameters shifted accordingly. Where forces move a joint, a
+    friction that stops it tells nothing of a small one, so effects that are predicted to be small are probed again at
+    that size. Where numbers of the device deviate far from their priors, the missing effect may be the reason, so
+    effects are also probed at the priors.
     """
     n_known, n_device = len(current.x), current.hypothesis.n_device_parameters
     current_point = _LinearizationPoint(current.x, current.weighted_residuals, current.jacobian)
@@ -199,8 +204,11 @@ def screen_candidates(
             size = math.copysign(1.0, candidate.size)
             shift = -size * _solve_least_squares(current.jacobian, candidate.sensitivity)
             full_size_probes.append((candidate.term, size, shift))
-    if full_size_probes:
-        candidates += _evaluate_probes(data, current.hypothesis, current_point, full_size_probes)
+    more_probes = full_size_probes
+    if data.experiments[0].has_free_joints:
+        more_probes = [*more_probes, *_list_small_probes(candidates, current_point)]
+    if more_probes:
+        candidates += _evaluate_probes(data, current.hypothesis, current_point, more_probes)
     if np.abs(current.x[:n_device]).max(initial=0.0) > PRIOR_DEVIATION_SIGMAS:
         prior = np.concatenate([np.zeros(n_device), current.x[n_device:]])
         prior_point = _LinearizationPoint(prior, *linearize(data, current.hypothesis, prior))
@@ -275,6 +283,25 @@ def _evaluate_probes(
             Candidate(term, gain, size, sensitivity, direction, norm / full_norm, point.x, nuisance_shift)
         )
     return candidates
+
+
+def _list_small_probes(
+    candidates: Sequence[Candidate], point: _LinearizationPoint
+) -> list[tuple[EffectTerm, float, Array]]:
+    """Return probes near the predicted size of the effects among ``candidates`` that are predicted to be small.
+
+    An effect whose probe makes the fit worse in every size is probed where it changes the readings as much as the
+    residual.
+    """
+    residual = float(np.linalg.norm(point.residual))
+    probes = []
+    for candidate in candidates:
+        largest = residual / float(np.linalg.norm(candidate.sensitivity))
+        size = abs(candidate.size) or largest
+        if candidate.term.channel is None and candidate.term.number is None and size < MAX_SMALL_EFFECT:
+            signed = math.copysign(max(size, MIN_SMALL_PROBE), candidate.size)
+            probes.append((candidate.term, signed, np.zeros(len(point.x))))
+    return probes
 
 
 def _solve_least_squares(matrix: Array, target: Array) -> Array:
