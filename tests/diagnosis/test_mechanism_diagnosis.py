@@ -29,7 +29,7 @@ from klute_sim.diagnosis.planning import joint_proposals
 from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.screening import list_candidate_terms
+from klute_sim.diagnosis.selection.screening import list_candidate_terms, screen_candidates
 from klute_sim.diagnosis.workflow import fit_base_device
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.mechanism.assembly import Mechanism
@@ -297,6 +297,23 @@ def test_numbers_of_the_model_are_candidates_for_errors(tmp_path: Path) -> None:
     assert setup.devices == SimulationSetup(PAIR.parameters, devices=(PAIR.parameters,) * 2).devices
     assert format_term(hypothesis.terms[0]) == "damping of the joint 'joint'"
     assert format_term(EffectTerm("leak", "orifice", tendon="flexor")) == "leak of flexor"
+
+
+def test_size_of_a_faint_friction_in_the_muscles_of_a_free_joint_is_predicted(tmp_path: Path) -> None:
+    """At a third of its usual size, the friction would hold the joint, which says nothing of a faint one."""
+    rubbing = PAIR.with_effect("braid_hysteresis", form="coulomb", slope_n_per_bar=0.6)
+    truth = dict.fromkeys(joint.TENDONS, rubbing)
+    options: dict[str, Any] = {"groups": ("fit_1", "fit_2"), "repeats": 2, "seconds": 4.0}
+    uncertain = {"muscle.friction_slope_n_per_bar": "10 %", "muscle.c10_kpa": "15 %", **UNCERTAIN}
+    dataset = load_dataset(joint.write_dataset(tmp_path, truth=truth, uncertain=uncertain, **options))
+    experiments, simulator = prepare_experiments(dataset, split_dataset(dataset)), Simulator(2)
+    fit, data = fit_base_device(dataset, experiments, simulator)
+    term = EffectTerm("braid_hysteresis", "coulomb")
+    (candidate,) = screen_candidates(data, fit, [term])
+    simulator.close()
+    slope = candidate.size * term.effect_definition.forms[1].parameters[0].typical
+    assert slope == pytest.approx(0.6, rel=0.08)
+    assert candidate.predicted_gain > 0.85 * fit.chi2
 
 
 def test_effects_of_the_mechanism_are_candidates_on_its_parts(tmp_path: Path) -> None:
