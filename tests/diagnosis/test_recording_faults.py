@@ -20,6 +20,7 @@ from klute_sim.diagnosis.recording_faults import (
     find_drifting_repeats,
     suspect_absolute_pressures,
 )
+from tests.diagnosis import synthetic_joint_dataset as joint
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats, write_dataset
 
 
@@ -153,3 +154,21 @@ def test_threshold_of_one_atmosphere_is_suspected_to_be_absolute_pressure(
     sentence = suspect_absolute_pressures(trials, fit)
     assert ("subtract 1.013 bar" in sentence) == is_suspected
     assert bool(sentence) == is_suspected
+
+
+@pytest.mark.parametrize(("threshold_bar", "is_suspected"), [(1.3, True), (0.5, False)])
+def test_absolute_pressures_of_a_mechanism_are_suspected_further_from_the_atmosphere(
+    threshold_bar: float, is_suspected: bool, tmp_path: Path
+) -> None:
+    dataset = load_dataset(joint.write_dataset(tmp_path, groups=("fit_1",), repeats=1, seconds=1.5))
+    hypothesis = Hypothesis(dataset.device, (), (), (EffectTerm("threshold_pressure", "constant"),))
+    x = np.array([hypothesis.parameters[0].normalize(threshold_bar)])
+    fit = Fit(hypothesis, x, np.zeros(1), np.ones((1, 1)), True, [])
+    assert bool(suspect_absolute_pressures(dataset.trials, fit)) == is_suspected
+    low = [
+        replace(
+            t, prescribed={**t.prescribed, joint.INPUTS[0]: t.prescribed[joint.INPUTS[0]]._replace(value=np.zeros(3))}
+        )
+        for t in dataset.trials
+    ]
+    assert suspect_absolute_pressures(low, fit) == ""
