@@ -24,6 +24,7 @@ from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gait.positions import ScaledSeries
 from klute_sim.plausibility.gait.steps import Series
 from klute_sim.plausibility.gait.trial import GAIT_CHANNELS, GaitChannels, find_trial_findings
+from klute_sim.plausibility.gravity import check_gravity
 from klute_sim.plausibility.joint_angle import check_joint_angle
 from klute_sim.plausibility.samples import Samples
 from klute_sim.types import Array
@@ -63,10 +64,25 @@ def check_measured_channels(mechanism: DatasetMechanism, trials: Sequence[Trial]
             )
 
 
-def find_implausible_angles(
+def find_implausible_mechanism(
     mechanism: DatasetMechanism, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]
 ) -> list[Finding]:
-    """Return what is implausible in the angles of joints that have stops; ``units`` holds the units in the headings."""
+    """Return what is implausible in the gravity of the model, and in the angles of joints that have stops.
+
+    ``units`` holds the units in the headings of each trial.
+    """
+    findings = []
+    for trial in trials:
+        numbers = {**mechanism.model_values, **trial.model_numbers}
+        gravity = [numbers[f"model.option.gravity_{axis}"] for axis in "xyz"]
+        findings += check_gravity(gravity, f"trial '{trial.name}'")
+    return findings + _find_implausible_angles(mechanism, trials, units)
+
+
+def _find_implausible_angles(
+    mechanism: DatasetMechanism, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]
+) -> list[Finding]:
+    """Return what is implausible in the angles of joints that have stops."""
     model = compile_model(mechanism.file.make_spec())
     stops = {
         f"angle_{normalize_name(model.joint(index).name)}": (float(model.jnt_range[index, 0]), float(high))

@@ -149,7 +149,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     ]
     if mechanism is not None:
         checks.check_measured_channels(mechanism, trials, source)
-        findings += checks.find_implausible_angles(mechanism, trials, [channels.units for channels in contents])
+        findings += checks.find_implausible_mechanism(mechanism, trials, [channels.units for channels in contents])
     accepted = require_accepted(findings, {*file.accept, *accept})
     for trial in trials:  # after the checks, which name the unit that a long duration seems to be in
         for series in (*trial.prescribed.values(), *trial.measured.values()):
