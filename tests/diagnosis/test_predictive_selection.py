@@ -249,6 +249,22 @@ def test_only_the_lower_end_of_the_critical_ratio_is_a_limit_of_physics() -> Non
     simulator.close()
 
 
+@pytest.mark.parametrize(("length_m", "is_refused"), [(0.004, True), (0.12, True), (0.13, False), (2.0, False)])
+def test_hose_that_is_a_nozzle_is_not_named(length_m: float, is_refused: bool) -> None:
+    trials = make_repeats([np.linspace(0.0, 500.0, 100)] * 2)
+    noise = {"force": Noise(3.0, (Autocorrelation(0.005, 1.0, 200),))}
+    simulator = Simulator(1)
+    data = WeightedData(simulator, trials, noise)
+    fit = make_fit((EffectTerm("hose", "tube"),), [1.0, 0.0])
+    x = [p.normalize(value) for p, value in zip(fit.hypothesis.parameters, (length_m, 5.0), strict=True)]
+    short = replace(fit, x=np.array(x))
+    before = replace(make_fit(()), residuals=[{"force": np.zeros(100)}] * 2)
+    reasons = find_naming_obstacle(data, short), ForwardSelection(data, [], []).rejection_reason(before, short, {})
+    for reason in reasons:
+        assert reason.startswith(f"hose would be {1e3 * length_m:.2g} mm long and 5 mm wide") == is_refused
+    simulator.close()
+
+
 def test_effect_whose_interval_contains_its_absence_is_found() -> None:
     fit = make_fit((FRICTION, GAIN), [1.0, 1.0])
     assert find_term_without_effect(fit, [(5.0, 60.0), (0.97, 0.99)]) is None

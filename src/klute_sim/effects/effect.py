@@ -115,6 +115,9 @@ class EffectForm:
     """Names of the internal states, which the law at ``next_state`` advances."""
     candidate_section: str = ""
     """Section of a device file without which a diagnosis does not propose this form, because it has no cause there."""
+    find_flaw: Callable[[Any], str] | None = None
+    """Function of ``p`` that returns why no part has these parameters, words that follow the name, or '' if parts have
+    them. A diagnosis does not name such a part. None: parts have all parameters within the bounds."""
     replaces_number: str = ""
     """Number of a joint that describes the same; a diagnosis proposes this form where the model has 0 there."""
 

@@ -18,6 +18,7 @@ from klute_sim.diagnosis.selection.naming import (
     IMPLAUSIBLE_REASON,
     UNRESOLVED_REASON,
     find_implausible_instrument,
+    find_impossible_parts,
     find_unresolved_delay,
 )
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
@@ -313,6 +314,9 @@ class ForwardSelection:
         term = after.hypothesis.terms[-1]
         if after.has_diverged or not np.isfinite(list(validation_gains.values())).all():
             return f"{term}: {DIVERGENCE_REASON}"
+        flaw = find_impossible_parts(after).get(term)
+        if flaw:
+            return f"{term} {flaw}"
         if find_unresolved_delay(self.data, after) == term:
             return f"{term} {UNRESOLVED_REASON}"
         # A gauge that alone shows the supply must not stand in for it.

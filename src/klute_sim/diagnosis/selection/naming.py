@@ -1,4 +1,4 @@
-"""Obstacles to a name: a parameter at its bound, an implausible instrument, a delay below the sampling interval."""
+"""Obstacles to a name: a parameter at its bound, a part or an instrument that does not exist, too short a delay."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -32,6 +32,8 @@ def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
     A parameter at its bound says that the effect is something else, or that it is absent. ``data`` provide the ranges
     of the channels.
     """
+    for term, flaw in find_impossible_parts(fit).items():
+        return f"{term} {flaw}"
     for term, parameter, bound in _iterate_bounds_reached(fit):
         return f"{term} has '{parameter.name}' at its bound, {parameter.denormalize(bound):.4g}"
     implausible = find_implausible_instrument(data, fit)
@@ -39,6 +41,18 @@ def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
         return f"{implausible} {IMPLAUSIBLE_REASON}"
     unresolved = find_unresolved_delay(data, fit)
     return f"{unresolved} {UNRESOLVED_REASON}" if unresolved else ""
+
+
+def find_impossible_parts(fit: Fit) -> dict[EffectTerm, str]:
+    """Return the terms of ``fit`` whose parameters no part has, each with the reason, without a full stop."""
+    rows = list(zip(fit.hypothesis.parameters, fit.values, strict=True))
+    flaws = {}
+    for index, term in enumerate(fit.hypothesis.terms):
+        form = term.form_definition
+        if form.find_flaw is not None:
+            values = {parameter.name: value for parameter, value in rows if parameter.term_index == index}
+            flaws[term] = form.find_flaw(form.pack(values))
+    return {term: flaw for term, flaw in flaws.items() if flaw}
 
 
 def find_implausible_instrument(data: WeightedData, fit: Fit) -> EffectTerm | None:

@@ -8,6 +8,20 @@ from klute_sim.effects.families.air import MIN_RESISTANCE
 from klute_sim.laws import valve
 from klute_sim.laws.pneumatics import SupplyParameters, replace_supply_fields
 
+ENTRANCE_LOSS = 0.5
+"""Loss at the sharp-edged entrance of a tube over the dynamic pressure [1] (F. M. White, Fluid Mechanics, chapter 6;
+quoted from memory)."""
+MIN_LENGTH_IN_DIAMETERS = ENTRANCE_LOSS / valve.HOSE_FRICTION_FACTOR
+"""Length over inner diameter below which a tube is a nozzle and no hose [1] (assumed): its wall takes f L/d of the
+dynamic pressure, less than its entrance, which the law leaves to the fitting. Turbulent flow needs as long to form."""
+
+
+def find_flaw(p: Any) -> str:
+    """Return why no hose has ``p.length`` and ``p.inner_diameter`` [m]; '' if hoses have them."""
+    if p.length >= MIN_LENGTH_IN_DIAMETERS * p.inner_diameter:
+        return ""
+    return f"would be {1e3 * p.length:.2g} mm long and {1e3 * p.inner_diameter:.2g} mm wide, a nozzle and no hose"
+
 
 def attach_hose(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
     """Return the supply with a hose of ``p.length`` and ``p.inner_diameter`` [m] in series, whose air is dead volume.
@@ -56,7 +70,8 @@ HOSE = Effect(
                     upper=20.0,
                     typical=2.0,
                     source="assumed: from a bench's valve to the muscle; resistance and volume of pneumatic tubes: "
-                    "Math. Comput. Model. Dyn. Syst. 23:523, 2017 (abstract read)",
+                    "Math. Comput. Model. Dyn. Syst. 23:523, 2017 (abstract read); below 25 diameters it is a nozzle, "
+                    "which a diagnosis does not name",
                 ),
                 EffectParameter(
                     key="inner_diameter_mm",
@@ -68,6 +83,7 @@ HOSE = Effect(
                 ),
             ),
             laws={"supply": attach_hose},
+            find_flaw=find_flaw,
         ),
     ),
 )
