@@ -24,6 +24,9 @@ Forms = dict[tuple[str, str], dict[str, HiddenParameter]]
 MIN_VALVE_RESISTANCE = 0.2
 """Smallest hidden resistance of a valve [s bar/dm3]. Any smaller valve acts alike: it replaces the ideal regulator by a
 pilot whose rate is limited, which alone changes the pressure by 80 mbar (rms). So no data contain its resistance."""
+MIN_HOSE_LENGTH = 0.5
+"""Shortest hidden hose [m]: 25 of the largest inner diameters. A hose, too, replaces the ideal regulator, so a shorter
+one hardly acts less, and the search for a small size would end at micrometres."""
 
 EFFECTS: Forms = {
     ("braid_hysteresis", "coulomb"): {"slope_n_per_bar": HiddenParameter(0, 60, 8)},
@@ -95,7 +98,7 @@ EFFECTS: Forms = {
         "critical_ratio": HiddenParameter(0.1, 0.6, 0.5, None),
     },
     ("hose", "tube"): {
-        "length_m": HiddenParameter(0, 20, 2),
+        "length_m": HiddenParameter(MIN_HOSE_LENGTH, 20, 2),
         "inner_diameter_mm": HiddenParameter(1, 20, 4, None),
     },
     ("volume_coupling", "polytropic"): {
