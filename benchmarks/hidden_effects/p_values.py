@@ -1,7 +1,7 @@
 """Test the p-values of clean datasets, so that a false discovery rate can be stated.
 
-    python -m benchmarks.hidden_effects.p_values --half calibration --json calibration.json  # fits the null
-    python -m benchmarks.hidden_effects.p_values --half test --json test.json                # tests its p-values
+    python -m benchmarks.hidden_effects.p_values --seed 101 707 --count 300   # fits the null distribution
+    python -m benchmarks.hidden_effects.p_values --seed 1313 --json test.json  # tests its p-values
 
 Each dataset is one of block ``clean``: nothing is hidden, and numbers, noise, drift and inputs are as in all blocks.
 The device is fitted without effects, and the p-value of its misfit is computed as in ``klute-sim diagnose``. Nothing is
@@ -28,7 +28,8 @@ from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
-from klute_sim.diagnosis.noise.randomization import SharedMisfit, convert_to_p_value, measure_shared_misfit
+from klute_sim.diagnosis.noise.p_value import compute_null_distribution, convert_to_p_value
+from klute_sim.diagnosis.noise.repeat_products import SharedMisfit, measure_shared_misfit
 from klute_sim.diagnosis.workflow import fit_base_device
 
 DISCOVERY_RATE = 0.05
@@ -50,16 +51,17 @@ def measure_dataset(spec: DatasetSpec) -> SharedMisfit | None:
         return measure_shared_misfit(data, fit)
 
 
-def fit_null_distribution(datasets: Sequence[SharedMisfit]) -> tuple[float, float]:
-    """Return mean and standard deviation of the mean square of the irrelevant misfit (maximum likelihood)."""
-    total, std, n_samples = np.array(datasets).T
+def fit_null_distribution(datasets: Sequence[SharedMisfit]) -> tuple[tuple[float, float], float]:
+    """Return the mean squares of the irrelevant misfit and their spread (maximum likelihood)."""
+    totals = np.array([shared.products.sum() for shared in datasets])
 
     def compute_loss(x: np.ndarray) -> float:
-        scale = np.hypot(std, x[1] * n_samples)
-        return -float(norm.logpdf(total, x[0] * n_samples, scale).sum())
+        nulls = [compute_null_distribution(shared, (x[0], x[1]), x[2]) for shared in datasets]
+        mean, std = np.array(nulls).T
+        return -float(norm.logpdf(totals, mean, std).sum())
 
-    result = minimize(compute_loss, [0.03, 0.01], method="Nelder-Mead")
-    return float(result.x[0]), abs(float(result.x[1]))
+    load, motion, spread = minimize(compute_loss, [0.03, 0.1, 0.01], method="Nelder-Mead").x.tolist()
+    return (load, motion), abs(spread)
 
 
 def summarize_p_values(p_values: Sequence[float]) -> dict[str, float]:
@@ -78,21 +80,27 @@ def summarize_p_values(p_values: Sequence[float]) -> dict[str, float]:
 def main() -> None:
     """Compute, test and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=400, help="number of datasets  [default: 400]")
-    parser.add_argument("--half", choices=tuple(HALF_SEEDS), default="development", help="[default: development]")
+    parser.add_argument("--count", type=int, default=400, help="number of datasets of each seed  [default: 400]")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        nargs="+",
+        default=[HALF_SEEDS["development"]],
+        help="seeds of the datasets  [default: that of the development half]",
+    )
     parser.add_argument("--at-once", type=int, default=1, metavar="N", help="datasets at once  [default: 1]")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the p-values and their test")
     arguments = parser.parse_args()
-    specs = plan_datasets("clean", arguments.count, HALF_SEEDS[arguments.half])
+    specs = [spec for seed in arguments.seed for spec in plan_datasets("clean", arguments.count, seed)]
     with get_context("spawn").Pool(arguments.at_once) as pool:
         datasets = [shared for shared in pool.imap(measure_dataset, specs) if shared is not None]
-    mean_square, spread = fit_null_distribution(datasets)
-    summary = summarize_p_values([convert_to_p_value(shared) for shared in datasets])
-    summary |= {"irrelevant_mean_square": mean_square, "irrelevant_spread": spread}
+    p_values = [convert_to_p_value(shared) for shared in datasets]
+    summary = summarize_p_values(p_values)
+    (load, motion), spread = fit_null_distribution(datasets)
+    summary |= {"irrelevant_load": load, "irrelevant_motion": motion, "irrelevant_spread": spread}
     print("\n".join(f"{name}: {value:.4g}" for name, value in summary.items()))
     if arguments.json:
-        rows = [shared._asdict() for shared in datasets]
-        arguments.json.write_text(json.dumps({**summary, "shared_misfits": rows}, indent=1), "utf-8")
+        arguments.json.write_text(json.dumps({**summary, "p_values": p_values}, indent=1), "utf-8")
 
 
 if __name__ == "__main__":

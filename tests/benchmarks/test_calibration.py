@@ -7,7 +7,8 @@ import pytest
 from benchmarks.hidden_effects import calibrate, localization, p_values
 from benchmarks.hidden_effects.inputs import InputProgram
 
-from klute_sim.diagnosis.noise.randomization import SharedMisfit, convert_to_p_value
+from klute_sim.diagnosis.noise.p_value import convert_to_p_value
+from klute_sim.diagnosis.noise.repeat_products import SharedMisfit
 from klute_sim.diagnosis.probability import compute_logistic
 
 
@@ -76,12 +77,14 @@ def test_uniform_p_values_pass_and_small_ones_fail() -> None:
 
 def test_null_distribution_is_recovered_and_makes_p_values_uniform() -> None:
     """Sums of 400 datasets whose irrelevant misfit is drawn from a known distribution."""
-    rng = np.random.default_rng(4)
-    n_samples, std = rng.uniform(300.0, 900.0, 400), rng.uniform(10.0, 25.0, 400)
-    totals = n_samples * rng.normal(0.03, 0.02, 400) + std * rng.normal(size=400)
-    misfits = [SharedMisfit(*row) for row in zip(totals, std, n_samples, strict=True)]
-    mean_square, spread = p_values.fit_null_distribution(misfits)
-    assert mean_square == pytest.approx(0.03, abs=0.006)
-    assert spread == pytest.approx(0.02, abs=0.006)
-    summary = p_values.summarize_p_values([convert_to_p_value(m, 0.03, 0.02) for m in misfits])
+    rng, mean_squares, spread = np.random.default_rng(4), np.array([0.04, 0.1]), 0.02
+    misfits = []
+    for _ in range(400):
+        n_samples = rng.uniform(300.0, 500.0, (25, 2)) * np.array([1.0, rng.integers(2)])
+        irrelevant = n_samples @ mean_squares + spread * rng.normal() * n_samples.sum(axis=1)
+        misfits.append(SharedMisfit(irrelevant + rng.normal(0.0, 30.0, 25), n_samples))
+    fitted, fitted_spread = p_values.fit_null_distribution(misfits)
+    assert fitted == pytest.approx(tuple(mean_squares), rel=0.1)
+    assert fitted_spread == pytest.approx(spread, rel=0.2)
+    summary = p_values.summarize_p_values([convert_to_p_value(m, fitted, fitted_spread) for m in misfits])
     assert summary["ks_p_value"] > 0.05

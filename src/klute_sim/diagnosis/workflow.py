@@ -37,8 +37,8 @@ from klute_sim.diagnosis.imperfect_law import (
 )
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
+from klute_sim.diagnosis.noise.p_value import compute_p_value
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
-from klute_sim.diagnosis.noise.randomization import compute_p_value
 from klute_sim.diagnosis.planning.direct_measurements import list_direct_measurements
 from klute_sim.diagnosis.planning.gait_proposals import propose_gait_experiment
 from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment

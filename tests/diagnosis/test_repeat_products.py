@@ -1,25 +1,19 @@
-"""p-values of the hypothesis that a fit leaves no relevant misfit: uniform under it, small under a shared misfit."""
+"""Products of different repeats' residuals: their p-values are uniform where only noise is left."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from scipy.linalg import helmert
 from scipy.stats import kstest
 
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.noise.randomization import (
-    IRRELEVANT_MEAN_SQUARE,
-    SharedMisfit,
-    compute_p_value,
-    convert_to_p_value,
-    measure_shared_misfit,
-)
+from klute_sim.diagnosis.noise.p_value import IRRELEVANT_MEAN_SQUARES, compute_p_value, convert_to_p_value
+from klute_sim.diagnosis.noise.repeat_products import RepeatContrasts, SharedMisfit, measure_shared_misfit, sum_products
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats
 
@@ -27,6 +21,8 @@ SAMPLES, INTERVAL = 1600, 0.005
 TIME = np.arange(SAMPLES) * INTERVAL
 SHARED_SCALE = 3.0 * np.sqrt(8.0)
 """Amplitude of the shared misfit, a squared sine less its mean, whose root mean square is the stationary noise."""
+ONLY_NOISE = (0.0, 0.0), 0.0
+"""Mean squares and spread of the irrelevant misfit where there is none."""
 UNCERTAINTIES = tuple((f"tendon.stiffness_{k}_n_per_mm", 40.0) for k in (1, 2))
 
 
@@ -89,19 +85,19 @@ def test_p_values_are_uniform_where_only_noise_is_left(
     make_noise: Callable[[np.random.Generator], np.ndarray], n_repeats: int
 ) -> None:
     misfits = draw_misfits(make_noise, 100, n_repeats=n_repeats)
-    p_values = [convert_to_p_value(shared, mean_square=0.0, spread=0.0) for shared in misfits]
+    p_values = [convert_to_p_value(shared, *ONLY_NOISE) for shared in misfits]
     assert kstest(p_values, "uniform").pvalue > 0.01
     assert np.mean(np.array(p_values) <= 0.05) < 0.1
 
 
 def test_shared_misfit_as_large_as_the_noise_has_the_sum_one_per_sample() -> None:
     misfits = draw_misfits(make_stationary_noise, 40, misfit=SHARED_SCALE)
-    ratios = [shared.total / shared.n_samples for shared in misfits]
+    ratios = [shared.products.sum() / shared.n_samples.sum() for shared in misfits]
     assert np.mean(ratios) == pytest.approx(1.0, rel=0.25)  # the noise is estimated, and the fit absorbs a part
 
 
 def test_an_irrelevant_misfit_has_no_small_p_value() -> None:
-    misfits = draw_misfits(make_stationary_noise, 100, misfit=SHARED_SCALE * np.sqrt(IRRELEVANT_MEAN_SQUARE))
+    misfits = draw_misfits(make_stationary_noise, 100, misfit=SHARED_SCALE * np.sqrt(IRRELEVANT_MEAN_SQUARES[0]))
     p_values = [convert_to_p_value(shared) for shared in misfits]
     assert np.mean(np.array(p_values) <= 0.05) < 0.1
 
@@ -113,10 +109,33 @@ def test_a_misfit_of_a_part_of_the_noise_has_a_small_p_value() -> None:
     assert max(strong) < 1e-3
 
 
-@given(st.floats(-1e3, 1e3), st.floats(0.1, 1e2), st.floats(1.0, 1e4))
-def test_p_value_falls_with_the_misfit(total: float, std: float, n_samples: float) -> None:
-    low, high = (convert_to_p_value(SharedMisfit(x, std, n_samples)) for x in (total, total + std))
-    assert 0.0 <= high <= low <= 1.0
+def test_a_disturbance_of_all_channels_makes_no_p_value_small() -> None:
+    """Each repeat has a disturbance of its own, as large as the other noise, in both channels."""
+    rng, p_values = np.random.default_rng(11), []
+    for _ in range(200):
+        contrasts = []
+        for group in ("a", "b", "c"):
+            disturbance = np.array([make_stationary_noise(rng) for _ in range(2)])
+            for channel in ("force", "pressure"):
+                residuals = disturbance + [make_stationary_noise(rng) for _ in range(2)]
+                rotated = np.array([residuals.sum(axis=0), residuals[0] - residuals[1]]) / np.sqrt(2.0)
+                contrasts.append(RepeatContrasts(channel, group, rotated, np.empty((0, SAMPLES)), 16, 1.0))
+        shared = sum_products(contrasts)
+        assert shared is not None
+        p_values.append(convert_to_p_value(shared, *ONLY_NOISE))
+    assert kstest(p_values, "uniform").pvalue > 0.01
+    assert np.mean(np.array(p_values) <= 0.05) < 0.1
+
+
+def test_products_are_those_of_all_pairs_of_repeats() -> None:
+    rng = np.random.default_rng(2)
+    residuals = rng.normal(size=(3, 200))
+    contrasts = helmert(3, full=True) @ residuals / 2.0  # four samples carry the information of one
+    empty = np.empty((0, 200))
+    shared = sum_products([RepeatContrasts(name, "g", contrasts, empty, 8, 4.0) for name in ("force_x", "angle_x")])
+    assert shared is not None
+    assert shared.products.sum() == pytest.approx(2.0 * sum((residuals[i] * residuals[i - 1]).sum() for i in range(3)))
+    assert shared.n_samples.sum(axis=0) == pytest.approx([600.0, 600.0])
 
 
 def test_a_short_trial_has_no_p_value() -> None:

@@ -1,0 +1,147 @@
+"""Products of different repeats' residuals, which show what repeats share.
+
+Repeats share what a model lacks, and noise is independent between them, so products of different repeats' residuals are
+0 on average where only noise is left. They are summed over intervals that are longer than the noise is correlated, so
+the sums are independent, and their scatter shows the variance of their total; no distribution of the noise is assumed,
+and its size may change with time and channel. All channels are summed together, because a disturbance of the device, as
+of its supply, is in all of them.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import helmert
+
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.noise.repeats import AlignedRepeats, Noise, Residuals, align_repeats
+from klute_sim.types import Array
+
+MIN_BLOCK_TIME = 0.5
+"""Shortest interval [s] (assumed: filters of usual sensors)."""
+MIN_CORRELATION_TIMES = 3.0
+"""Shortest interval in correlation times of the noise of the channel (assumed)."""
+MIN_BLOCKS = 8
+"""Fewest intervals; the scatter of fewer is not known well enough."""
+LOADS = ("force", "pressure")
+"""First words of the names of channels that measure a load; the others measure a motion."""
+
+
+class RepeatContrasts(NamedTuple):
+    """Residuals of one channel of a group of repeats, in orthonormal combinations of the repeats."""
+
+    channel: str
+    """Name of the channel."""
+    group: str
+    """Name of the group of repeats."""
+    contrasts: Array
+    """Combinations of the residuals over the noise of independent samples, (repeats, samples); the first is the sum."""
+    influence: Array
+    """Unit changes of the fit in the same scale as the sum, (parameters, samples)."""
+    n_blocks: int
+    """Number of intervals of the channel."""
+    correlation_time: float
+    """Samples within which the noise of the channel is correlated."""
+
+
+class SharedMisfit(NamedTuple):
+    """Products of the residuals of different repeats over the variance of the noise.
+
+    Samples count alike in all channels. Their correlation time would be a bad weight: it is estimated from differences
+    of the same repeats, so it is short where these happen to be small and the products large.
+    """
+
+    products: Array
+    """Sums over an interval and all channels for each pair of repeats, (products,)."""
+    n_samples: Array
+    """Sums for a shared misfit as large as the noise, that is numbers of samples, in channels of loads and of motions,
+    (products, 2)."""
+
+
+def measure_shared_misfit(data: WeightedData, fit: Fit) -> SharedMisfit | None:
+    """Return the products of different repeats' residuals.
+
+    Returns None without repeats, or where fewer than :data:`MIN_BLOCKS` intervals can be formed.
+    """
+    return sum_products(_collect_contrasts(data, fit))
+
+
+def sum_products(contrasts: Sequence[RepeatContrasts]) -> SharedMisfit | None:
+    """Return the products of the repeats in ``contrasts``; None as in :func:`measure_shared_misfit`."""
+    groups: dict[tuple[str, int], list[RepeatContrasts]] = defaultdict(list)
+    for entry in contrasts:
+        groups[entry.group, len(entry.contrasts)].append(entry)
+    products, n_samples = [], []
+    for (_, n_repeats), entries in groups.items():
+        n_blocks, pairs = min(entry.n_blocks for entry in entries), np.triu_indices(n_repeats, 1)
+        group_products = sum(_multiply_repeats(entry, n_blocks)[:, *pairs] for entry in entries)
+        counts = np.zeros((n_blocks, 2))
+        for entry in entries:
+            is_motion = entry.channel.partition("_")[0] not in LOADS
+            counts[:, int(is_motion)] += n_repeats * np.diff(_split_samples(entry, n_blocks))
+        products.append(np.ravel(group_products) * (2.0 / (n_repeats - 1.0)))
+        n_samples.append(np.repeat(counts / len(pairs[0]), len(pairs[0]), axis=0))
+    n_intervals = sum(min(entry.n_blocks for entry in entries) for entries in groups.values())
+    return SharedMisfit(np.concatenate(products), np.concatenate(n_samples)) if n_intervals >= MIN_BLOCKS else None
+
+
+def _multiply_repeats(entry: RepeatContrasts, n_blocks: int) -> Array:
+    """Return the products of the residuals of repeats i and j over the variance of the noise, (intervals, i, j)."""
+    residuals = np.sqrt(entry.correlation_time) * helmert(len(entry.contrasts), full=True).T @ entry.contrasts
+    products = np.einsum("it,jt->tij", residuals, residuals)
+    return np.asarray(np.add.reduceat(products, _split_samples(entry, n_blocks)[:-1], axis=0))
+
+
+def _split_samples(entry: RepeatContrasts, n_blocks: int) -> list[int]:
+    """Return the first sample of each interval, and the number of samples."""
+    return [entry.contrasts.shape[1] * k // n_blocks for k in range(n_blocks + 1)]
+
+
+def _collect_contrasts(data: WeightedData, fit: Fit) -> list[RepeatContrasts]:
+    """Return the contrasts of every channel and group of repeats that is longer than an interval.
+
+    The fit takes a part of the noise from the sum of the repeats. The other contrasts have the same noise and lose the
+    same part here, by a linear fit with the same Jacobian and priors, so that the products stay 0 on average.
+    """
+    factors = _factor_fit_covariance(data, fit)
+    entries = []
+    for channel, noise in data.noise.items():
+        aligned = [_align_by_group(data, factor, channel) for factor in factors]
+        for group, repeats in _align_by_group(data, fit.residuals, channel).items():
+            n_blocks = min(_count_blocks(repeats, noise), len(repeats.time))
+            if n_blocks == 0:
+                continue
+            n_repeats = len(repeats.residuals)
+            correlation_time = noise.correlation_time(repeats.sampling_interval)
+            scale = 1.0 / (noise.std * np.sqrt(correlation_time))
+            contrasts = helmert(n_repeats, full=True) @ repeats.residuals * scale
+            means = [factor[group].residuals.mean(axis=0) for factor in aligned]
+            influence = np.sqrt(n_repeats) * scale * np.reshape(means, (len(means), len(repeats.time)))
+            entries.append(RepeatContrasts(channel, group, contrasts, influence, n_blocks, correlation_time))
+    n_differences = max((len(entry.contrasts) for entry in entries), default=1) - 1
+    for k in range(1, n_differences + 1):
+        measured = [entry for entry in entries if len(entry.contrasts) > k]
+        projections = sum(entry.influence @ entry.contrasts[k] for entry in measured)
+        for entry in measured:
+            entry.contrasts[k] -= projections @ entry.influence
+    return entries
+
+
+def _align_by_group(data: WeightedData, residuals: Residuals, channel: str) -> dict[str, AlignedRepeats]:
+    return {r.group: r for r in align_repeats(data.experiments, residuals, channel, with_input_error=True)}
+
+
+def _count_blocks(repeats: AlignedRepeats, noise: Noise) -> int:
+    """Return the number of intervals of a trial for a channel with ``noise``."""
+    correlation_time = noise.correlation_time(repeats.sampling_interval) * repeats.sampling_interval
+    duration = float(repeats.time[-1] - repeats.time[0])
+    return int(duration / max(MIN_BLOCK_TIME, MIN_CORRELATION_TIMES * correlation_time))
+
+
+def _factor_fit_covariance(data: WeightedData, fit: Fit) -> list[list[dict[str, Array]]]:
+    """Return the factors g of what the fit takes from the noise, J (J'J)^-1 J' = sum g g', as residuals."""
+    covariance = np.linalg.pinv(fit.jacobian.T @ fit.jacobian)
+    eigenvalues, eigenvectors = np.linalg.eigh(covariance)
+    columns = fit.jacobian @ (eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
+    return [data.split_weighted_residuals(column) for column in columns.T]
