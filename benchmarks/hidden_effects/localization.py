@@ -38,6 +38,8 @@ MAX_STEADY_PRESSURE_RATE = 0.05e5
 """Rate of the command [Pa/s] up to which the pressure is steady."""
 MAX_HELD_SPEED_FRACTION = 0.02
 """Speed over the largest speed up to which the length is held."""
+N_RESAMPLES = 2000
+"""Number of resamples of the datasets for an interval."""
 
 
 def label_program(program: InputProgram, max_speed: float) -> np.ndarray:
@@ -98,6 +100,16 @@ def score_cells(counts: Iterable[tuple[int, int, int, int]]) -> dict[str, float]
         }
 
 
+def bootstrap_f1(counts: Sequence[tuple[int, int, int, int]]) -> tuple[float, float]:
+    """Return the 95 % interval of F1 over datasets, whose cells are not independent, by resampling datasets."""
+    samples = np.random.default_rng(0).integers(len(counts), size=(N_RESAMPLES, len(counts)))
+    true_positives, false_positives, false_negatives, _ = np.array(counts)[samples].sum(axis=1).T
+    with np.errstate(invalid="ignore"):
+        f1 = 2 * true_positives / (2 * true_positives + false_positives + false_negatives)
+    low, high = np.nanpercentile(f1, [2.5, 97.5])
+    return float(low), float(high)
+
+
 def main() -> None:
     """Score the results in a folder and print a row for each block."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -118,7 +130,8 @@ def main() -> None:
     for block, counts in rows.items():
         score = score_cells(counts)
         text = ", ".join(f"{key} {value:.3g}" for key, value in score.items())
-        print(f"{block}: {len(counts)} datasets, {text}")
+        low, high = bootstrap_f1(counts) if score["f1"] > 0.0 else (np.nan, np.nan)
+        print(f"{block}: {len(counts)} datasets, {text}, 95 % interval of F1 {low:.3g} to {high:.3g}")
 
 
 if __name__ == "__main__":

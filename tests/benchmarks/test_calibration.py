@@ -55,6 +55,13 @@ def test_one_cell_of_each_kind() -> None:
     assert math.isnan(localization.score_cells([(0, 0, 0, 5)])["f1"])
 
 
+def test_interval_of_f1_covers_it_and_ends_at_it_where_all_datasets_are_alike() -> None:
+    counts = [(3, 1, 0, 2), (1, 0, 2, 3), (2, 0, 0, 4), (0, 1, 1, 4)]
+    low, high = localization.bootstrap_f1(counts)
+    assert 0.0 <= low < localization.score_cells(counts)["f1"] < high <= 1.0
+    assert localization.bootstrap_f1(counts[:1] * 5) == pytest.approx([6.0 / 7.0] * 2)
+
+
 def test_conditions_of_a_program_are_those_of_its_inputs() -> None:
     time = np.arange(4000) * 1e-3
     length = 0.3 + 0.02 * np.clip(time - 2.0, 0.0, 1.0)
