@@ -1,7 +1,7 @@
 """Test the p-values of clean datasets, so that a false discovery rate can be stated.
 
     python -m benchmarks.hidden_effects.p_values --seed 101 707 --count 300  # fits the null distribution
-    python -m benchmarks.hidden_effects.p_values --seed 1313 --json test.json             # tests its p-values
+    python -m benchmarks.hidden_effects.p_values --seed 1313 --json test.json  # tests its p-values
 
 Each dataset is one of block ``clean``: nothing is hidden, and numbers, noise, drift and inputs are as in all blocks.
 The device is fitted without effects, and the p-value of its misfit is computed as in ``klute-sim diagnose``. Nothing is
