@@ -91,7 +91,6 @@ def test_model_that_is_refused_elsewhere(tmp_path: Path, arguments: tuple[str, .
         ("model.geom.load.mass = -1", "cannot be compiled with its changed numbers (mass, inertia or density are neg"),
         ("model.joint.elbow.damping = 1", "'model.joint.elbow.damping' is not a number of the model"),
         ("model.joint.joint.stiffness = -1e9", "antagonist_joint.xml diverges: actuator 'flexor' has no finite state"),
-        ("model.option.gravity_z = -1e12", "antagonist_joint.xml diverges: its motion is not finite after t = 0.0"),
     ],
 )
 def test_number_that_the_model_cannot_have(
@@ -102,6 +101,16 @@ def test_number_that_the_model_cannot_have(
     assert part in diagnose(folder)
     assert part in refuse("bench", "joint", "steps", "--set", f"{name}={value}", cwd=folder.parent)
     assert capfd.readouterr() == ("", "")  # MuJoCo itself prints nothing
+
+
+def test_gravity_that_no_place_has_is_refused_with_data_and_diverges_without(
+    folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    edit(folder, "[numbers]\n", '[numbers]\n"model.option.gravity_z" = -1e12\n')
+    assert "the gravity of the model is 1e+12 m/s2; allowed: 0, or 0.5 to 30 m/s2" in diagnose(folder)
+    answer = refuse("bench", "joint", "steps", "--set", "model.option.gravity_z=-1e12", cwd=folder.parent)
+    assert "antagonist_joint.xml diverges: its motion is not finite after t = 0.0" in answer
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(
