@@ -296,8 +296,8 @@ def _list_small_probes(
     residual = float(np.linalg.norm(point.residual))
     probes = []
     for candidate in candidates:
-        largest = residual / float(np.linalg.norm(candidate.sensitivity))
-        size = abs(candidate.size) or largest
+        size_of_residual = residual / float(np.linalg.norm(candidate.sensitivity))
+        size = abs(candidate.size) or size_of_residual
         if candidate.term.channel is None and candidate.term.number is None and size < MAX_SMALL_EFFECT:
             signed = math.copysign(max(size, MIN_SMALL_PROBE), candidate.size)
             probes.append((candidate.term, signed, np.zeros(len(point.x))))
