@@ -3,15 +3,14 @@
 import math
 from collections.abc import Sequence
 
+from klute_sim.constants import GRAVITY
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.units import round_digits
 
 MIN_GRAVITY, MAX_GRAVITY = 0.5, 30.0
 """Limits of gravity [m/s2] (assumed: from a small moon to the largest planet); 0 is a model without gravity."""
-STANDARD_GRAVITY = 9.80665
-"""Standard gravity [m/s2]."""
 UNIT_TOLERANCE = 0.05
-"""Deviation from standard gravity, relative, up to which a power of ten is a wrong unit (assumed)."""
+"""Largest relative deviation from a multiple of standard gravity that is taken for a wrong unit (assumed)."""
 _WRONG_UNITS = {100.0: "cm/s2", 1000.0: "mm/s2"}
 
 
@@ -21,9 +20,7 @@ def check_gravity(gravity: Sequence[float], place: str) -> list[Finding]:
     if magnitude == 0.0 or MIN_GRAVITY <= magnitude <= MAX_GRAVITY:
         return []
     units = [
-        unit
-        for factor, unit in _WRONG_UNITS.items()
-        if abs(magnitude / (factor * STANDARD_GRAVITY) - 1.0) < UNIT_TOLERANCE
+        unit for factor, unit in _WRONG_UNITS.items() if abs(magnitude / (factor * GRAVITY) - 1.0) < UNIT_TOLERANCE
     ]
     cause = f", so it looks like {units[0]}" if units else ""
     statement = (
