@@ -95,8 +95,12 @@ def test_catalogue_file_runs_in_both_backends() -> None:
 
 @pytest.mark.long
 def test_effect_registered_in_a_script_runs_in_both_backends(tmp_path: Path) -> None:
-    script = tmp_path / "script.py"
-    script.write_text((HERE / "user_effects.py").read_text("utf-8") + USER_SCRIPT, "utf-8")
+    """A user's law may allocate, which the laws of the package must not."""
+    script, law = tmp_path / "script.py", (HERE / "user_effects.py").read_text("utf-8")
+    result = "force * (1.0 + p.gain * state.warmth)"
+    assert result in law
+    law = law.replace(result, "force * np.array([1.0, p.gain * state.warmth]).sum()")
+    script.write_text("import numpy as np\n" + law + USER_SCRIPT, "utf-8")
     process = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr
     assert 1.05 < float(process.stdout) < 1.16

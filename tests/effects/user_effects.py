@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 import klute_sim as ks
 
 
@@ -26,5 +24,4 @@ def step_warmth(p, state, muscle, pressure, length, stretch, dt):
     hook="muscle_force",
 )
 def warm_force(p, state, force, muscle, pressure, length, velocity):
-    terms = np.array([1.0, p.gain * state.warmth])  # a user's law may allocate; those of the package must not
-    return force * (terms[0] + terms[1])
+    return force * (1.0 + p.gain * state.warmth)
