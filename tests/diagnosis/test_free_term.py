@@ -1,5 +1,6 @@
 """The margin of names over a free term: true names keep it, imitations lose it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,12 +8,15 @@ import pytest
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.free_term import find_free_model
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, SelectionStep
+from klute_sim.diagnosis.selection.free_term import find_complete_term, find_decisive_term, find_free_model
+from klute_sim.diagnosis.selection.screening import screen_candidates
 from klute_sim.diagnosis.selection.sparse_regression import _eliminate_functions
 from tests.diagnosis.test_sparse_regression import create_search
 
 FRICTION = EffectTerm("braid_hysteresis", "coulomb")
+SEAL = EffectTerm("seal_friction", "coulomb")
+TAPER = EffectTerm("end_taper", "cone")
 
 
 def add_terms(search: ForwardSelection, base: Fit, *terms: EffectTerm) -> Fit:
@@ -51,3 +55,37 @@ def test_true_name_is_not_beaten_and_an_imitation_is(tmp_path: Path, monkeypatch
         # A term must not lose in any validation group, even where it gains in the mean.
         monkeypatch.setattr(search, "compute_validation_gains", lambda before, after: {"a": 0.5, "b": -0.1})
         assert find_free_model(search, base, imitation) is None
+
+
+@pytest.mark.slow
+def test_term_that_alone_reaches_the_noise_stands_beside_the_names(tmp_path: Path) -> None:
+    """Friction that rises with the contraction is in no catalogue, and that of a braid resembles it."""
+    hidden = {("unknown_force", "sparse"): {"contraction_friction_n": 20.0, "pressure_speed_n": 15.0}}
+    for search, base in create_search(tmp_path / "d", hidden):
+        search.candidate_terms = [FRICTION, SEAL]
+        named = search.run(base)
+        assert search.has_misfit(named)
+        decisive = find_decisive_term(search, base, named)
+        assert decisive is not None
+        assert not search.has_misfit(decisive.fit)
+        assert decisive.named_fit is not None
+        (name,) = decisive.named_fit.hypothesis.terms
+        assert name == FRICTION
+        assert [rival.fit.hypothesis.terms[-1] for rival in decisive.rivals] in ([], [SEAL])
+        assert find_decisive_term(search, base, named, ("unknown_force",)) is None
+        assert find_decisive_term(search, base, decisive.fit) is None  # the names are as good
+
+
+@pytest.mark.slow
+def test_no_term_is_decisive_where_a_pair_of_effects_reaches_the_noise(tmp_path: Path) -> None:
+    hidden = {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}, ("end_taper", "cone"): {}}
+    hidden["end_taper", "cone"] = {p.key: p.typical for p in TAPER.parameters}
+    for search, base in create_search(tmp_path / "d", hidden):
+        candidates = tuple(screen_candidates(search.data, base, [FRICTION, TAPER]))
+        search.history = [SelectionStep(base, candidates, (), None, {}, "")]
+        single = add_terms(search, base, FRICTION)
+        assert search.has_misfit(single)
+        assert find_complete_term(search, base) is not None
+        assert find_decisive_term(search, base, single) is None
+        search.history = [replace(search.history[0], candidates=candidates[:1])]
+        assert find_decisive_term(search, base, single) is not None

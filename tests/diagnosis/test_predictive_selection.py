@@ -16,6 +16,7 @@ from klute_sim.diagnosis.noise.repeats import Noise, estimate_noise_from_residua
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_term_without_effect
+from klute_sim.diagnosis.selection.pair_screening import screen_pairs
 from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
     PredictiveModel,
@@ -24,7 +25,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     choose_stable_model,
     divide_into_folds,
 )
-from klute_sim.diagnosis.selection.predictive_selection import screen_pairs, weight_by_law_error
+from klute_sim.diagnosis.selection.predictive_selection import weight_by_law_error
 from klute_sim.diagnosis.selection.screening import Candidate
 from tests.diagnosis.synthetic_dataset import make_repeats
 
@@ -183,7 +184,7 @@ def test_pair_that_explains_together_what_neither_does_alone_comes_first() -> No
     friction, taper = EffectTerm("friction_offset", "table_3_1"), EffectTerm("regulator_error", "offset")
     candidates = [make_candidate(term, vector, residual) for term, vector in ((friction, a), (taper, b), (GAIN, c))]
     fit = replace(make_fit(()), weighted_residuals=residual)
-    first, second = screen_pairs(fit, candidates)[0]
+    first, second, _ = screen_pairs(fit, candidates)[0]
     assert {first.term, second.term} == {friction, taper}
 
 

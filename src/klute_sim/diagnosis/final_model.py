@@ -14,7 +14,12 @@ from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
 from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.free_term import find_free_model
+from klute_sim.diagnosis.selection.free_term import (
+    DECISIVE_MARGIN,
+    compute_bic_difference,
+    find_decisive_term,
+    find_free_model,
+)
 from klute_sim.diagnosis.selection.imitation import find_better_free_model
 from klute_sim.diagnosis.selection.naming import find_term_without_effect
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
@@ -27,9 +32,6 @@ from klute_sim.diagnosis.selection.robustness import (
 )
 from klute_sim.diagnosis.selection.sparse_regression import fit_discrepancy_term
 from klute_sim.types import ProgressCallback
-
-DECISIVE_FREE_MARGIN = 3.0
-"""Margin of a free term over names, in thresholds of BIC, from which no search for other names is worth its time."""
 
 
 class FinalModel(NamedTuple):
@@ -60,7 +62,7 @@ def select_complete_model(
     data = search.data
     progress(0.6, "comparing the names with a free term")
     free_model = find_free_model(search, base_fit, final_fit, options.exclude)
-    if free_model is not None and free_model.bic_difference < -DECISIVE_FREE_MARGIN * search.bic_threshold:
+    if free_model is not None and free_model.bic_difference < -DECISIVE_MARGIN * search.bic_threshold:
         return _refuse_names(search, base_fit, final_fit, free_model, options)
     progress(0.65, "restarting the fit from another point")
     final_fit, has_converged = check_convergence(data, final_fit, np.random.default_rng(options.seed))
@@ -87,6 +89,47 @@ def select_complete_model(
         compute_confidence_intervals(data, final_fit),
         equivalent_models,
         compute_equation_residuals(data, final_fit),
+        has_converged,
+    )
+
+
+def select_decisive_term(
+    search: ForwardSelection,
+    base_fit: Fit,
+    final_fit: Fit,
+    options: DiagnosisOptions,
+    progress: ProgressCallback,
+) -> FinalModel | None:
+    """Return the model with a data-driven term where it alone explains the data to the noise; None without such a term.
+
+    ``final_fit`` is the best fit with effects of the catalogue, and leaves a misfit.
+    """
+    progress(0.5, "comparing the names with a free term")
+    decisive = find_decisive_term(search, base_fit, final_fit, options.exclude)
+    if decisive is None:
+        return None
+    reason = "A data-driven term in one equation explains the data to the noise, and no effects of the catalogue do"
+    if decisive.named_fit is None:
+        reason += ": the missing effect is not in the catalogue."
+        return _replace_names(search, base_fit, decisive.fit, [reason], options)
+    named_fit, has_converged = check_convergence(search.data, decisive.named_fit, np.random.default_rng(options.seed))
+    share = (base_fit.chi2 - named_fit.chi2) / (base_fit.chi2 - decisive.fit.chi2)
+    reason += (
+        f". {_list_names(base_fit, named_fit)} takes {100.0 * share:.0f} % of what the term explains: either this is "
+        "missing in another form, or the missing effect is not in the catalogue and resembles it."
+    )
+    free_model = EquivalentModel(
+        decisive.fit, named_fit.hypothesis.terms[-1], compute_bic_difference(search, decisive.fit, named_fit)
+    )
+    return FinalModel(
+        "indistinguishable",
+        [reason, *_describe_misfit(search, named_fit)],
+        search.data,
+        base_fit,
+        named_fit,
+        compute_confidence_intervals(search.data, named_fit),
+        [free_model, *decisive.rivals],
+        compute_equation_residuals(search.data, named_fit),
         has_converged,
     )
 
@@ -214,13 +257,16 @@ def _refuse_names(
     search: ForwardSelection, base_fit: Fit, named_fit: Fit, free_model: EquivalentModel, options: DiagnosisOptions
 ) -> FinalModel:
     """Return the model with the data-driven term of ``free_model`` in place of the names of ``named_fit``."""
-    names = " and ".join(str(term) for term in named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :])
     reason = (
-        f"{names} would explain the data to the noise, but a data-driven term in one equation explains them better "
-        f"(BIC is lower by {-free_model.bic_difference:.0f}): the missing effect is not in the catalogue, and these "
-        "names only imitate it."
+        f"{_list_names(base_fit, named_fit)} would explain the data to the noise, but a data-driven term in one "
+        f"equation explains them better (BIC is lower by {-free_model.bic_difference:.0f}): the missing effect is not "
+        "in the catalogue, and these names only imitate it."
     )
     return _replace_names(search, base_fit, free_model.fit, [reason], options)
+
+
+def _list_names(base_fit: Fit, named_fit: Fit) -> str:
+    return " and ".join(str(term) for term in named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :])
 
 
 def _replace_names(

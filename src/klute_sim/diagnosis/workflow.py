@@ -23,6 +23,7 @@ from klute_sim.diagnosis.final_model import (
     FinalModel,
     doubt_absent_effect,
     select_complete_model,
+    select_decisive_term,
     select_imperfect_model,
     select_proxies,
 )
@@ -123,7 +124,9 @@ def _run_workflow(
     selected: FinalModel | None = None
     # Without repeats nothing but predictions can tell a misfit from noise.
     is_unclear = search.has_misfit(final_fit) if search.has_repeats else search.has_relevant_residual(base_fit)
-    if is_unclear and not is_tolerated:
+    if is_unclear and not is_tolerated and search.has_repeats:
+        selected = select_decisive_term(search, base_fit, final_fit, options, progress)
+    if is_unclear and not is_tolerated and selected is None:
         progress(0.5, "predicting conditions that are left out")
         prediction = select_by_prediction(search, experiments, final_fit, lambda stage: progress(0.5, stage))
         complete_fit = find_complete_model(search, base_fit, *prediction) if search.has_repeats else None

@@ -6,12 +6,42 @@ misfit represents any such effect. Names stand if the term is not better. Where 
 """
 
 from collections.abc import Collection
+from typing import NamedTuple
 
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection
-from klute_sim.diagnosis.selection.robustness import EquivalentModel
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle
+from klute_sim.diagnosis.selection.pair_screening import has_complete_pair
+from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
+from klute_sim.diagnosis.selection.robustness import MAX_GAIN_LAG_FRACTION, EquivalentModel
 from klute_sim.diagnosis.selection.sparse_regression import fit_free_term
+
+DECISIVE_MARGIN = 3.0
+"""Margin of a data-driven term over names, in thresholds of BIC, from which no search for other names is worth its time
+(assumed)."""
+MIN_PAIR_GAIN_FRACTION = 0.5
+"""Predicted gain of a pair of effects over the gain of a data-driven term, from which on the pair is refitted (assumed:
+linearisation underestimates the gain of frictions by almost as much)."""
+MIN_NAMED_SHARE = 0.6
+"""Share of the fall of chi squared with the term, from which on names are listed beside it (assumed: as where the law
+is imperfect, :mod:`klute_sim.diagnosis.selection.predictive_selection`)."""
+
+
+def find_complete_term(search: ForwardSelection, base_fit: Fit, exclude: Collection[str] = ()) -> Fit | None:
+    """Return ``base_fit`` with a data-driven term in one equation with which repeats show no misfit; None without one.
+
+    ``exclude`` names effects that are not candidates.
+    """
+    residuals = compute_equation_residuals(search.data, base_fit)
+    fit = fit_free_term(search, base_fit, residuals, exclude, max_supports=1).fit
+    return None if fit is None or search.has_misfit(fit) else fit
+
+
+def predicts_as_well(search: ForwardSelection, free_fit: Fit, named_fit: Fit) -> bool:
+    """Return whether ``free_fit`` predicts every validation group as well as ``named_fit`` (names must, too)."""
+    gains = search.compute_validation_gains(named_fit, free_fit)
+    return min(gains.values(), default=0.0) >= -MAX_VALIDATION_LOSS
 
 
 def find_free_model(
@@ -20,22 +50,86 @@ def find_free_model(
     """Return ``base_fit`` with a data-driven term in place of the names of ``named_fit``, if it is as good.
 
     Its repeats show no misfit, its BIC is lower by more than the threshold (not higher by more than the threshold where
-    the names are in several places), and it predicts every validation group as well (names must, too). ``exclude``
-    names effects that are not candidates.
+    the names are in several places), and it predicts every validation group as well. ``exclude`` names effects that are
+    not candidates.
     """
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if not names:
         return None
-    residuals = compute_equation_residuals(search.data, base_fit)
-    free_fit = fit_free_term(search, base_fit, residuals, exclude, max_supports=1).fit
-    if free_fit is None or search.has_misfit(free_fit):
+    free_fit = find_complete_term(search, base_fit, exclude)
+    if free_fit is None:
         return None
     places = {"number" if term.number else term.effect_definition.kind for term in names}
-    n = search.data.n_effective
-    bic_difference = free_fit.bic(n) - named_fit.bic(n)
+    bic_difference = compute_bic_difference(search, free_fit, named_fit)
     if bic_difference > (search.bic_threshold if len(places) > 1 else -search.bic_threshold):
         return None
-    gains = search.compute_validation_gains(named_fit, free_fit)
-    if min(gains.values(), default=0.0) < -MAX_VALIDATION_LOSS:
+    if not predicts_as_well(search, free_fit, named_fit):
         return None
     return EquivalentModel(free_fit, names[-1], bic_difference)
+
+
+def compute_bic_difference(search: ForwardSelection, free_fit: Fit, named_fit: Fit) -> float:
+    """Return the BIC of ``free_fit`` minus that of ``named_fit``."""
+    n = search.data.n_effective
+    return free_fit.bic(n) - named_fit.bic(n)
+
+
+class DecisiveTerm(NamedTuple):
+    """A data-driven term that explains the data to the noise where no names do, and the names that come nearest."""
+
+    fit: Fit
+    """Fit of the term."""
+    named_fit: Fit | None
+    """Fit of the names that take most of what the term explains; None if there are none."""
+    rivals: list[EquivalentModel]
+    """Other names that take nearly as much."""
+
+
+def find_decisive_term(
+    search: ForwardSelection, base_fit: Fit, named_fit: Fit, exclude: Collection[str] = ()
+) -> DecisiveTerm | None:
+    """Return a data-driven term in one equation that explains the data to the noise, where no names do.
+
+    ``named_fit`` is the best fit of the selection and leaves a misfit. The term must be better by
+    :data:`DECISIVE_MARGIN` thresholds of BIC and predict every validation group as well, and no pair of effects may
+    reach the noise: effects are added one at a time, and a pair of which neither explains much alone is passed by.
+
+    One cause suffices then. It is outside the catalogue, or an effect of the catalogue in another form, which the data
+    cannot tell: names that take at least :data:`MIN_NAMED_SHARE` of what the term explains are listed beside it. A name
+    that takes less than :data:`MIN_TERM_SHARE` of it only fills up what the others leave. ``exclude`` names effects
+    that are not candidates.
+    """
+    free_fit = find_complete_term(search, base_fit, exclude)
+    max_difference = -DECISIVE_MARGIN * search.bic_threshold
+    if free_fit is None or compute_bic_difference(search, free_fit, named_fit) > max_difference:
+        return None
+    if not predicts_as_well(search, free_fit, named_fit):
+        return None
+    gain = base_fit.chi2 - free_fit.chi2
+    if has_complete_pair(search, base_fit, MIN_PAIR_GAIN_FRACTION * gain):
+        return None
+    major_fit = base_fit
+    for step in search.history:
+        if step.added_term is None or major_fit.chi2 - step.refits[0].chi2 < MIN_TERM_SHARE * gain:
+            break
+        major_fit = step.refits[0]
+    is_named = base_fit.chi2 - major_fit.chi2 >= MIN_NAMED_SHARE * gain
+    if not is_named or find_naming_obstacle(search.data, major_fit):
+        return DecisiveTerm(free_fit, None, [])
+    return DecisiveTerm(free_fit, major_fit, _list_rivals(search, base_fit, major_fit))
+
+
+def _list_rivals(search: ForwardSelection, base_fit: Fit, named_fit: Fit) -> list[EquivalentModel]:
+    """Return the fits with another last name that explain nearly as much as ``named_fit``, best first."""
+    step = next(step for step in search.history if step.refits and step.refits[0] is named_fit)
+    max_chi2 = named_fit.chi2 + MAX_GAIN_LAG_FRACTION * (base_fit.chi2 - named_fit.chi2)
+    name, rivals = named_fit.hypothesis.terms[-1], []
+    for refit in step.refits[1:]:
+        is_near = refit.chi2 <= max_chi2 and refit.hypothesis.terms[-1].identity != name.identity
+        if not is_near or find_naming_obstacle(search.data, refit):
+            continue
+        gains = search.compute_validation_gains(step.initial_fit, refit)
+        if not search.rejection_reason(step.initial_fit, refit, gains):
+            rivals.append(EquivalentModel(refit, name, compute_bic_difference(search, refit, named_fit)))
+    distinct = {rival.fit.hypothesis.terms[-1].identity: rival for rival in reversed(rivals)}
+    return sorted(distinct.values(), key=lambda rival: rival.bic_difference)

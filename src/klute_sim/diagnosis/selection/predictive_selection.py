@@ -31,6 +31,7 @@ from klute_sim.diagnosis.selection.forward_selection import (
     refit_with_replacement,
 )
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_terms_at_bound
+from klute_sim.diagnosis.selection.pair_screening import screen_pairs
 from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
     PredictiveModel,
@@ -62,8 +63,6 @@ catalogue takes less, named effects of measured muscles and seals take 0.78 to 1
 MAX_RIVAL_RATIO = 1.1
 """Error of prediction of other names over that of the chosen ones, up to which they are rivals although the difference
 exceeds its standard error (assumed: an imperfect law differs by as much between any two forms)."""
-MIN_DETERMINANT = 0.05
-"""Smallest determinant of a pair's cosines; below, the two effects are one to these data."""
 
 
 @dataclass(eq=False)
@@ -103,7 +102,7 @@ class PredictiveSelection:
             fit.hypothesis.terms[-1]: fit for fit in self._refit(base_fit, _select_best(candidates, MAX_SINGLES))
         }
         fits: dict[frozenset[EffectTerm], Fit] = {frozenset([term]): fit for term, fit in singles.items()}
-        for first, second in screen_pairs(base_fit, candidates)[:MAX_PAIRS]:
+        for first, second, _ in screen_pairs(base_fit, candidates)[:MAX_PAIRS]:
             if first.term not in singles:
                 singles[first.term] = self._refit(base_fit, [first])[0]
             self._extend(singles[first.term], [second.term], fits)
@@ -303,49 +302,6 @@ def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], r
 
 def _count_samples(experiment: Experiment) -> int:
     return sum(len(series.time) for series in experiment.measured.values())
-
-
-def screen_pairs(base_fit: Fit, candidates: Sequence[Candidate]) -> list[tuple[Candidate, Candidate]]:
-    """Return pairs of ``candidates``, largest predicted fall of chi squared first, the better one of each pair first.
-
-    By linearisation at ``base_fit``: the sensitivities orthogonal to the fitted parameters are projected together. A
-    pair of equal effects, and one in which a size would leave its bounds, is omitted.
-    """
-    directions = np.array([c.direction for c in candidates]).reshape(len(candidates), -1)
-    cosines = directions @ directions.T
-    projections = -directions @ base_fit.weighted_residuals
-    best: dict[frozenset[tuple[str | None, ...]], tuple[float, int, int]] = {}
-    for i in range(len(candidates)):
-        for k in range(i + 1, len(candidates)):
-            first, second = candidates[i], candidates[k]
-            determinant = 1.0 - cosines[i, k] ** 2
-            if first.term.identity == second.term.identity or determinant < MIN_DETERMINANT:
-                continue
-            a = (projections[i] - cosines[i, k] * projections[k]) / determinant
-            b = (projections[k] - cosines[i, k] * projections[i]) / determinant
-            if not (_is_allowed(first, a) and _is_allowed(second, b)):
-                continue
-            gain = float(a * projections[i] + b * projections[k])
-            key = frozenset([first.term.identity, second.term.identity])
-            if key not in best or gain > best[key][0]:
-                best[key] = gain, i, k
-    ordered = sorted(best.values(), key=lambda entry: (-entry[0], entry[1:]))
-    return [
-        (candidates[i], candidates[k])
-        if candidates[i].predicted_gain >= candidates[k].predicted_gain
-        else (candidates[k], candidates[i])
-        for _, i, k in ordered
-    ]
-
-
-def _is_allowed(candidate: Candidate, amount: float) -> bool:
-    """Return whether ``amount`` along the candidate's direction has a sign that its first parameter may have."""
-    parameter = candidate.term.parameters[0]
-    if parameter.neutral is None or candidate.term.number:
-        return True
-    scale = parameter.typical - parameter.neutral
-    room = parameter.upper - parameter.neutral if amount * scale > 0.0 else parameter.neutral - parameter.lower
-    return room > 0.0
 
 
 def _select_best(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
