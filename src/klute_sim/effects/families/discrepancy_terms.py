@@ -109,9 +109,8 @@ _SOURCE = "assumed: no physics; range and typical value of a relevant force"
 
 
 def make_coefficient(key: str, upper: float, typical: float, *, signed: bool = True) -> EffectParameter:
-    """Return the coefficient ``key`` of a function, in the unit of the key; negative values only where ``signed``."""
+    """Return the coefficient ``key`` of a function, up to ``upper`` in the key's unit; negative where ``signed``."""
     lower = -upper if signed else 0.0
-    """Return a coefficient of a data-driven term, at most ``upper``; one that is not ``signed`` is not negative."""
     return EffectParameter(key=key, neutral=0.0, lower=lower, upper=upper, typical=typical, source=_SOURCE)
 
 
