@@ -95,9 +95,9 @@ def find_decisive_term(
     reach the noise: effects are added one at a time, and a pair of which neither explains much alone is passed by.
 
     One cause suffices then. It is outside the catalogue, or an effect of the catalogue in another form, which the data
-    cannot tell: names that take at least :data:`MIN_NAMED_SHARE` of what the term explains are listed beside it. A name
-    that takes less than :data:`MIN_TERM_SHARE` of it only fills up what the others leave. ``exclude`` names effects
-    that are not candidates.
+    cannot tell: names that take at least :data:`MIN_NAMED_SHARE` of what the term explains are listed beside it, but no
+    more of them than the term has functions. A name that takes less than :data:`MIN_TERM_SHARE` of it only fills up
+    what the others leave. ``exclude`` names effects that are not candidates.
     """
     free_fit = find_complete_term(search, base_fit, exclude)
     max_difference = -DECISIVE_MARGIN * search.bic_threshold
@@ -109,7 +109,7 @@ def find_decisive_term(
     if has_complete_pair(search, base_fit, MIN_PAIR_GAIN_FRACTION * gain):
         return None
     major_fit = base_fit
-    for step in search.history:
+    for step in search.history[: len(free_fit.hypothesis.terms[-1].parameter_keys)]:
         if step.added_term is None or major_fit.chi2 - step.refits[0].chi2 < MIN_TERM_SHARE * gain:
             break
         major_fit = step.refits[0]
