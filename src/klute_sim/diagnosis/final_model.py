@@ -21,12 +21,13 @@ from klute_sim.diagnosis.selection.free_term import (
     find_free_model,
 )
 from klute_sim.diagnosis.selection.imitation import find_better_free_model
-from klute_sim.diagnosis.selection.naming import find_term_without_effect
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_term_without_effect, find_terms_at_bound
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.diagnosis.selection.robustness import (
     EquivalentModel,
     check_convergence,
+    check_names,
     find_equivalent_models,
     find_smaller_model,
 )
@@ -57,29 +58,38 @@ def select_complete_model(
     final_fit: Fit,
     options: DiagnosisOptions,
     progress: ProgressCallback,
-) -> FinalModel:
-    """Return the model where the noise between repeats decides."""
+) -> FinalModel | None:
+    """Return the model where the noise between repeats decides; None where names would have a parameter at a bound.
+
+    Such an effect takes a simpler form; if no simpler form reaches the noise, an equivalent model takes its place.
+    """
     data = search.data
     progress(0.6, "comparing the names with a free term")
     free_model = find_free_model(search, base_fit, final_fit, options.exclude)
     if free_model is not None and free_model.bic_difference < -DECISIVE_MARGIN * search.bic_threshold:
         return _refuse_names(search, base_fit, final_fit, free_model, options)
     progress(0.65, "restarting the fit from another point")
-    final_fit, has_converged = check_convergence(data, final_fit, np.random.default_rng(options.seed))
+    final_fit, has_converged = check_names(search, final_fit, np.random.default_rng(options.seed))
     smaller_fit = find_smaller_model(search, final_fit)
     if smaller_fit is not None:
-        final_fit, has_converged = check_convergence(data, smaller_fit, np.random.default_rng(options.seed))
+        checked = check_names(search, smaller_fit, np.random.default_rng(options.seed))
+        if not find_terms_at_bound(checked[0]):
+            final_fit, has_converged = checked
     progress(0.7, "searching for equivalent models")
     equivalent_models = find_equivalent_models(search, final_fit)
-    if equivalent_models and equivalent_models[0].bic_difference < -search.bic_threshold:
+    if equivalent_models and (
+        equivalent_models[0].bic_difference < -search.bic_threshold or find_terms_at_bound(final_fit)
+    ):
         better_fit = equivalent_models[0].fit
-        final_fit, has_converged = check_convergence(data, better_fit, np.random.default_rng(options.seed))
+        final_fit, has_converged = check_names(search, better_fit, np.random.default_rng(options.seed))
         equivalent_models = find_equivalent_models(search, final_fit)
     free_model = find_free_model(search, base_fit, final_fit, options.exclude)
     if free_model is not None and free_model.bic_difference < -search.bic_threshold:
         return _refuse_names(search, base_fit, final_fit, free_model, options)
     equivalent_models += [free_model] if free_model else []
     verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
+    if verdict in ("identified", "indistinguishable") and find_terms_at_bound(final_fit):
+        return None
     return FinalModel(
         verdict,
         reasons,
@@ -102,8 +112,11 @@ def select_decisive_term(
 ) -> FinalModel | None:
     """Return the model with a data-driven term where it alone explains the data to the noise; None without such a term.
 
-    ``final_fit`` is the best fit with effects of the catalogue, and leaves a misfit.
+    ``final_fit`` is the best fit with effects of the catalogue, and leaves a misfit. Without repeats the noise is
+    unknown.
     """
+    if not search.has_repeats:
+        return None
     progress(0.5, "comparing the names with a free term")
     decisive = find_decisive_term(search, base_fit, final_fit, options.exclude)
     if decisive is None:
@@ -169,10 +182,14 @@ def select_proxies(
 
 
 def _describe_misfit(search: ForwardSelection, fit: Fit) -> list[str]:
-    """Return a sentence about the most significant misfit of ``fit``; none without repeats."""
+    """Return a sentence about the most significant misfit of ``fit``, or about what speaks against its names.
+
+    There is none without repeats.
+    """
     misfits = search.find_relevant_misfits(fit)
     if not misfits:
-        return []
+        obstacle = find_naming_obstacle(search.data, fit)
+        return [f"{obstacle}, so it is not named, although it explains the data to the noise."] if obstacle else []
     channel = max(misfits, key=lambda channel: misfits[channel].significance)
     worst = misfits[channel]
     sentence = (
@@ -210,8 +227,6 @@ def select_imperfect_model(
             free_fit = fit_hypothesis(search.data, free_model.fit.hypothesis, free_model.fit.x)
         refused = _replace_names(search, base_fit, free_fit, [*decision.reasons, reason], options)
         return refused._replace(prediction=result)
-    data, base_fit = selection.data, result.base.fit
-    final_fit, has_converged = check_convergence(data, result.chosen.fit, np.random.default_rng(options.seed))
     equivalent_models = [
         EquivalentModel(rival.fit, _find_replaced_term(result, rival), rival.error - result.chosen.error)
         for rival in (result.rivals if decision.verdict == "indistinguishable" else ())
@@ -219,13 +234,13 @@ def select_imperfect_model(
     return FinalModel(
         decision.verdict,
         decision.reasons,
-        data,
-        base_fit,
-        final_fit,
-        compute_jackknife_intervals(selection.assess(final_fit)),
+        selection.data,
+        result.base.fit,
+        result.chosen.fit,
+        compute_jackknife_intervals(result.chosen),
         equivalent_models,
-        compute_equation_residuals(data, final_fit),
-        has_converged,
+        compute_equation_residuals(selection.data, result.chosen.fit),
+        bool(result.chosen.is_reproducible),
         result,
     )
 

@@ -44,10 +44,12 @@ def select_by_prediction(
     experiments: Sequence[Experiment],
     best_fit: Fit,
     report_stage: Callable[[str], None],
+    seed: int = 0,
 ) -> tuple[PredictiveSelection, PredictiveResult]:
     """Return the selection by prediction of the seen ``experiments``, all but those of the test.
 
     ``best_fit`` is the best model of the selection by significance; its residuals measure the error of the law.
+    ``seed`` is that of restarted fits.
     """
     data = search.data
     seen = data.with_experiments([e for e in experiments if e.use != "test" and e.measured.keys() & data.noise])
@@ -55,7 +57,7 @@ def select_by_prediction(
     weighted = weight_by_law_error(data, seen.experiments, residuals)
     # Without repeats, the noise of the data is the misfit itself.
     repeat_noise = dict(data.noise) if search.has_repeats else {}
-    selection = PredictiveSelection(weighted, repeat_noise, search.candidate_terms, report_stage)
+    selection = PredictiveSelection(weighted, repeat_noise, search.candidate_terms, report_stage, seed)
     known = [fit.hypothesis.terms for step in search.history for fit in step.refits[:1] if step.added_term]
     base = replace(best_fit.hypothesis, terms=())
     base_fit = fit_hypothesis(weighted, base)
@@ -89,7 +91,11 @@ def decide_verdict(result: PredictiveResult, *, has_repeats: bool = True) -> Imp
     """
     unexplained: Verdict = "unexplained" if has_repeats else "insufficient-data"
     chosen, kind = result.chosen, FOLD_WORDS[result.fold_kind]
-    cause = "No model reaches the noise between repeats" if has_repeats else "Without repeats the noise is unknown"
+    cause = (
+        "No model that can be named reaches the noise between repeats"
+        if has_repeats
+        else "Without repeats the noise is unknown"
+    )
     law = f"{cause}, so models are judged by the prediction of each {kind} from the others ({result.n_folds} of them)."
     if not chosen.terms:
         best = next((model for model in result.models if model.terms), None)

@@ -119,26 +119,7 @@ def _run_workflow(
         data_quality.has_repeats(fitted),
         dataset.tolerance,
     )
-    is_tolerated = search.is_within_tolerance(base_fit)  # what the user tolerates needs no name
-    final_fit = base_fit if is_tolerated else search.run(base_fit)
-    selected: FinalModel | None = None
-    # Without repeats nothing but predictions can tell a misfit from noise.
-    is_unclear = search.has_misfit(final_fit) if search.has_repeats else search.has_relevant_residual(base_fit)
-    if is_unclear and not is_tolerated and search.has_repeats:
-        selected = select_decisive_term(search, base_fit, final_fit, options, progress)
-    if is_unclear and not is_tolerated and selected is None:
-        progress(0.5, "predicting conditions that are left out")
-        prediction = select_by_prediction(search, experiments, final_fit, lambda stage: progress(0.5, stage))
-        complete_fit = find_complete_model(search, base_fit, *prediction) if search.has_repeats else None
-        decision = decide_verdict(prediction[1], has_repeats=search.has_repeats)
-        if complete_fit is not None:
-            final_fit = complete_fit
-        elif decision.verdict in ("identified-in-part", "indistinguishable"):
-            selected = select_imperfect_model(search, base_fit, *prediction, decision, options, progress)
-        else:
-            selected = select_proxies(search, base_fit, final_fit, prediction[1], decision, options, progress)
-    if selected is None:
-        selected = select_complete_model(search, base_fit, final_fit, options, progress)
+    selected = _select_model(search, experiments, base_fit, options, progress)
     selected = doubt_absent_effect(selected)
     if quantizers and "quantisation" not in options.exclude:
         sentences = [_describe_quantization(c, q) for c, q in quantizers.items()]
@@ -191,6 +172,39 @@ def _run_workflow(
     )
     progress(1.0, "done")
     return diagnosis
+
+
+def _select_model(
+    search: ForwardSelection,
+    experiments: Sequence[Experiment],
+    base_fit: Fit,
+    options: DiagnosisOptions,
+    progress: ProgressCallback,
+) -> FinalModel:
+    """Return the model that ``search`` finds, or, where it cannot be named, one that predictions choose."""
+    is_tolerated = search.is_within_tolerance(base_fit)  # what the user tolerates needs no name
+    final_fit = base_fit if is_tolerated else search.run(base_fit)
+    # Without repeats nothing but predictions can tell a misfit from noise.
+    is_unclear = search.has_misfit(final_fit) if search.has_repeats else search.has_relevant_residual(base_fit)
+    if is_tolerated or not is_unclear:
+        selected = select_complete_model(search, base_fit, final_fit, options, progress)
+    else:
+        selected = select_decisive_term(search, base_fit, final_fit, options, progress)
+    if selected is not None:
+        return selected
+    progress(0.5, "predicting conditions that are left out")
+    selection, result = select_by_prediction(
+        search, experiments, final_fit, lambda stage: progress(0.5, stage), options.seed
+    )
+    complete_fit = find_complete_model(search, base_fit, selection, result) if search.has_repeats else None
+    if complete_fit is not None:
+        selected = select_complete_model(search, base_fit, complete_fit, options, progress)
+        if selected is not None:
+            return selected
+    decision = decide_verdict(result, has_repeats=search.has_repeats)
+    if decision.verdict in ("identified-in-part", "indistinguishable"):
+        return select_imperfect_model(search, base_fit, selection, result, decision, options, progress)
+    return select_proxies(search, base_fit, final_fit, result, decision, options, progress)
 
 
 def _propose_next_experiment(data: WeightedData, dataset: Dataset, final_fit: Fit, rival: Fit) -> dict[str, Any] | None:

@@ -19,6 +19,7 @@ import numpy as np
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.selection.bounds import simplify_terms
 from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import (
@@ -121,7 +122,7 @@ def _complete_names(
     if n_further < 1:
         return
     named_fit = result.chosen.fit
-    simplified = selection.simplify_terms(named_fit, named_fit.hypothesis.terms)
+    simplified = simplify_terms(selection.data, named_fit, named_fit.hypothesis.terms)
     for fit in [named_fit] if simplified is named_fit else [named_fit, simplified]:
         yield from (
             float(np.median(model.errors)) for model in _extend(selection, fit, library, range(1, n_further + 1))

@@ -54,6 +54,8 @@ class PredictiveModel:
     """Normalized parameters of the fit without each fold, (folds, parameters)."""
     obstacle: str = ""
     """Why the model may not be named; '' if it may."""
+    is_reproducible: bool | None = None
+    """Whether a restart of the refined fit agrees with it; None for a fit that was not refined."""
 
     @property
     def terms(self) -> tuple[EffectTerm, ...]:

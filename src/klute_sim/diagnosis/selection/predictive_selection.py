@@ -25,12 +25,9 @@ from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
-from klute_sim.diagnosis.selection.forward_selection import (
-    DIVERGENCE_REASON,
-    ForwardSelection,
-    refit_with_replacement,
-)
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_terms_at_bound
+from klute_sim.diagnosis.selection.bounds import simplify_at_bound
+from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, ForwardSelection
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
 from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
@@ -41,6 +38,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     is_as_good,
     rank_model,
 )
+from klute_sim.diagnosis.selection.robustness import check_convergence
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
 from klute_sim.types import Array, Mask
 
@@ -77,6 +75,8 @@ class PredictiveSelection:
     """Terms that may be added."""
     report_stage: Callable[[str], None] = lambda stage: None
     """Receives a short description of the current stage."""
+    seed: int = 0
+    """Random seed of the restarts."""
     folds: list[list[FoldPart]] = field(init=False)
     """What each fold leaves out."""
     fold_kind: str = field(init=False)
@@ -130,7 +130,7 @@ class PredictiveSelection:
             finished = replace(finished, fit=replace(finished.fit, converged=True))
             models = sorted([finished if model is unfinished[0] else model for model in models], key=rank_model)
             models = self._add_simplified(finished, models)
-        return self._decide(base, models)
+        return self._decide_refined(base, models)
 
     def _refit(self, current: Fit, candidates: Sequence[Candidate]) -> list[Fit]:
         return self.search.refit_candidates(current, candidates, rounds=COMPARISON_ROUNDS)
@@ -161,24 +161,10 @@ class PredictiveSelection:
 
     def _add_simplified(self, model: PredictiveModel, models: Sequence[PredictiveModel]) -> list[PredictiveModel]:
         """Return ``models``, best first, with the simpler forms of ``model`` where one of its forms is at a bound."""
-        simpler = self._simplify_at_bound(model.fit)
+        simpler = simplify_at_bound(self.data, model.fit)
         known = {frozenset(other.terms) for other in models}
-        added = [] if simpler is None or frozenset(simpler.hypothesis.terms) in known else [self.assess(simpler)]
+        added = [] if frozenset(simpler.hypothesis.terms) in known else [self.assess(simpler)]
         return sorted([*models, *added], key=rank_model)
-
-    def _simplify_at_bound(self, fit: Fit) -> Fit | None:
-        """Return ``fit`` with the simplest form of each effect that has a parameter at its bound; None without any."""
-        simplified = self.simplify_terms(fit, find_terms_at_bound(fit))
-        return None if simplified is fit else simplified
-
-    def simplify_terms(self, fit: Fit, terms: Sequence[EffectTerm]) -> Fit:
-        """Return ``fit`` with each effect of ``terms`` in its simplest form; ``fit`` itself where all are simple."""
-        for term in terms:
-            forms = sorted(term.effect_definition.forms, key=lambda form: len(form.parameters))
-            if term.number is None and len(forms[0].parameters) < len(term.parameters):
-                simpler = term._replace(form=forms[0].name, parameter_keys=())
-                fit = refit_with_replacement(self.data, fit, term, simpler)
-        return fit
 
     def assess(self, fit: Fit) -> PredictiveModel:
         """Return the errors of prediction of ``fit``.
@@ -244,6 +230,23 @@ class PredictiveSelection:
             (np.minimum(lower - fit.x, 0.0) - margin, np.maximum(upper - fit.x, 0.0) + margin),
         )
         return np.asarray(np.clip(fit.x + step.x, lower, upper))
+
+    def _decide_refined(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
+        """Return the decision in which the chosen model is refined and, where it is named, each of its rivals is.
+
+        A refined fit may reach a bound, so the choice is made again after each of them. Models are compared by their
+        errors before that, because those of coarse and of refined fits differ where the data do not determine a shape.
+        """
+        while True:
+            result = self._decide(base, models)
+            compared = [result.chosen, *(result.rivals if result.share >= MIN_SHARE else ())]
+            coarse = next((model for model in compared if model.terms and model.is_reproducible is None), None)
+            if coarse is None:
+                return result
+            self.report_stage(f"refining {' and '.join(map(str, coarse.terms))}")
+            fit, is_reproducible = check_convergence(self.data, coarse.fit, np.random.default_rng(self.seed))
+            refined = replace(self.assess(fit), errors=coarse.errors, is_reproducible=is_reproducible)
+            models = self._add_simplified(refined, [refined if model is coarse else model for model in models])
 
     def _decide(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
         nameable = [model for model in models if not model.obstacle]

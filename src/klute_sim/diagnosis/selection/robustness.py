@@ -6,7 +6,9 @@ import numpy as np
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.selection.bounds import refine_names, simplify_at_bound
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_without_term, select_shortlist
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.screening import screen_candidates
 
 MAX_REPLACEMENTS = 5
@@ -74,11 +76,11 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
 
     The BIC of such a model lags by no more than the threshold, or by no more than :data:`MAX_GAIN_LAG_FRACTION` of what
     the replaced term gains while its repeats show no misfit either: an effect that is not in the catalogue may be as
-    close to both. The replacement must pass the acceptance tests of the selection, including validation.
+    close to both. The replacement must pass the acceptance tests of the selection, including validation. It must be
+    nameable: where its refined fit has a parameter at a bound, a simpler form takes its place or none does.
     """
     data, best_bic = search.data, best_fit.bic(search.data.n_effective)
-    is_complete = not search.has_misfit(best_fit)
-    models = []
+    models: list[EquivalentModel] = []
     for term in best_fit.hypothesis.terms:
         step = next(
             (s for s in search.history if s.added_term == term and s.refits[0].hypothesis == best_fit.hypothesis), None
@@ -89,17 +91,41 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
             reduced_fit = refit_without_term(data, best_fit, term)
             refits = tuple(_refit_replacements(search, reduced_fit, best_fit, best_bic))
         for refit in refits:
-            replacement, bic_difference = refit.hypothesis.terms[-1], refit.bic(data.n_effective) - best_bic
-            if replacement.identity == term.identity:
+            is_other = refit.hypothesis.terms[-1].identity != term.identity
+            if not (is_other and _is_equivalent(search, reduced_fit, refit, best_fit)):
                 continue
-            gain = reduced_fit.bic(data.n_effective) - best_bic
-            max_lag = min(MAX_GAIN_LAG_FRACTION * gain, MAX_LAG_FACTOR * search.bic_threshold)
-            is_close = is_complete and bic_difference <= max_lag and not search.has_misfit(refit)
-            if bic_difference > search.bic_threshold and not is_close:
+            rival = refine_names(data, refit)
+            is_known = any(model.fit.hypothesis == rival.hypothesis for model in models)
+            if is_known or find_naming_obstacle(data, rival):
                 continue
-            if not search.rejection_reason(reduced_fit, refit, search.compute_validation_gains(reduced_fit, refit)):
-                models.append(EquivalentModel(refit, term, bic_difference))
+            if _is_equivalent(search, reduced_fit, rival, best_fit):
+                models.append(EquivalentModel(rival, term, rival.bic(data.n_effective) - best_bic))
     return sorted(models, key=lambda model: model.bic_difference)
+
+
+def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_fit: Fit) -> bool:
+    """Return whether ``rival`` is acceptable and not decisively worse than ``best_fit``.
+
+    Both add a term to ``reduced_fit``.
+    """
+    n = search.data.n_effective
+    lag, gain = rival.bic(n) - best_fit.bic(n), reduced_fit.bic(n) - best_fit.bic(n)
+    max_lag = min(MAX_GAIN_LAG_FRACTION * gain, MAX_LAG_FACTOR * search.bic_threshold)
+    if lag > search.bic_threshold and (lag > max_lag or search.has_misfit(best_fit) or search.has_misfit(rival)):
+        return False
+    return not search.rejection_reason(reduced_fit, rival, search.compute_validation_gains(reduced_fit, rival))
+
+
+def check_names(search: ForwardSelection, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
+    """Return ``best_fit`` as :func:`check_convergence` does.
+
+    Effects that end with a parameter at a bound have their simplest form, unless it shows a misfit.
+    """
+    fit, has_converged = check_convergence(search.data, best_fit, rng)
+    simplified = simplify_at_bound(search.data, fit)
+    if simplified is fit or search.has_misfit(simplified):
+        return fit, has_converged
+    return check_names(search, simplified, rng)
 
 
 def check_convergence(data: WeightedData, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:

@@ -1,0 +1,203 @@
+"""No effect with a parameter at its bound is named, nor an alternative to a name: a simpler form is, or nothing."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis import final_model
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
+from klute_sim.diagnosis.noise.repeats import Noise
+from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
+from klute_sim.diagnosis.selection import bounds, predictive_selection, robustness
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, SelectionStep
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_terms_at_bound
+from klute_sim.diagnosis.selection.predictive_model import PredictiveModel
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
+from klute_sim.diagnosis.selection.robustness import EquivalentModel, check_names, find_equivalent_models
+from tests.diagnosis.synthetic_dataset import make_repeats
+
+DEVICE = load_device("klute-3-4-pair")
+COULOMB, STRIBECK = EffectTerm("seal_friction", "coulomb"), EffectTerm("seal_friction", "stribeck")
+RELAXATION, THRESHOLD = EffectTerm("bladder_relaxation", "maxwell"), EffectTerm("threshold_pressure", "constant")
+GAIN = EffectTerm("sensor_gain", "linear", "force")
+AT_BOUND, INSIDE = 3.0, 0.6
+"""Stick fractions of a Stribeck friction: its largest one, and one within its bounds."""
+
+
+def make_fit(*terms: EffectTerm, chi2: float = 0.0, **values: float) -> Fit:
+    """Return a fit of ``terms`` with typical parameters, or those of ``values``, and its ``chi2``."""
+    hypothesis = Hypothesis(DEVICE, (), (("force", 3.0),), terms)
+    x = [
+        p.normalize(values[p.name]) if p.name in values else 0.0 if p.is_logarithmic else 1.0
+        for p in hypothesis.parameters
+    ]
+    return Fit(hypothesis, np.array(x), np.array([np.sqrt(chi2)]), np.ones((1, len(x))), True, [])
+
+
+@pytest.fixture
+def data() -> Iterator[WeightedData]:
+    noise = {"force": Noise(3.0, (Autocorrelation(0.005, 1.0, 200),))}
+    simulator = Simulator(1)
+    yield WeightedData(simulator, make_repeats([np.linspace(0.0, 500.0, 100)] * 2), noise)
+    simulator.close()
+
+
+Refits = Mapping[tuple[EffectTerm, ...], Fit]
+
+
+@pytest.fixture
+def replace_fits(monkeypatch: pytest.MonkeyPatch) -> Callable[[Refits], None]:
+    """Return a function that replaces refined fits, and refits with a simpler form, by the one of their terms."""
+
+    def install(refits: Refits) -> None:
+        def refine(data: WeightedData, hypothesis: Hypothesis, *_: Any, **__: Any) -> Fit:
+            return refits[hypothesis.terms]
+
+        def simplify(data: WeightedData, fit: Fit, term: EffectTerm, simpler: EffectTerm) -> Fit:
+            return refits[tuple(simpler if t == term else t for t in fit.hypothesis.terms)]
+
+        def check(data: WeightedData, fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
+            return refits[fit.hypothesis.terms], True
+
+        monkeypatch.setattr(bounds, "fit_hypothesis", refine)
+        monkeypatch.setattr(bounds, "refit_with_replacement", simplify)
+        monkeypatch.setattr(robustness, "check_convergence", check)
+        monkeypatch.setattr(predictive_selection, "check_convergence", check)
+
+    return install
+
+
+def test_form_at_its_bound_becomes_the_simplest_one(data: WeightedData, replace_fits: Callable[[Refits], None]) -> None:
+    shaped, inside = make_fit(STRIBECK, GAIN, stick_fraction=AT_BOUND), make_fit(STRIBECK, stick_fraction=INSIDE)
+    replace_fits({(COULOMB, GAIN): make_fit(COULOMB, GAIN), (STRIBECK,): inside})
+    assert find_terms_at_bound(shaped) == [STRIBECK]
+    assert bounds.simplify_at_bound(data, shaped).hypothesis.terms == (COULOMB, GAIN)
+    assert bounds.simplify_at_bound(data, inside) is inside
+    only_form = make_fit(RELAXATION, time_constant_s=100.0)
+    assert find_terms_at_bound(only_form) == [RELAXATION]
+    assert bounds.simplify_at_bound(data, only_form) is only_form
+
+
+@pytest.mark.parametrize("is_explained", [True, False])
+def test_final_fit_at_a_bound_takes_a_simpler_form_that_explains_the_data(
+    is_explained: bool,
+    data: WeightedData,
+    replace_fits: Callable[[Refits], None],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The last fit moves the shape to its bound, where nobody looked again."""
+    search = ForwardSelection(data, [], [])
+    replace_fits({(STRIBECK,): make_fit(STRIBECK, stick_fraction=AT_BOUND), (COULOMB,): make_fit(COULOMB)})
+    monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: not is_explained)
+    fit, has_converged = check_names(search, make_fit(STRIBECK, stick_fraction=INSIDE), np.random.default_rng(0))
+    assert fit.hypothesis.terms == ((COULOMB,) if is_explained else (STRIBECK,))
+    assert has_converged
+
+
+@pytest.mark.parametrize("has_equivalent", [True, False])
+@pytest.mark.parametrize("verdict", ["identified", "unexplained"])
+def test_complete_model_at_a_bound_is_not_named(
+    verdict: Verdict, has_equivalent: bool, data: WeightedData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An equivalent model takes its place; without any, left-out conditions decide."""
+    search, options = ForwardSelection(data, [], []), DiagnosisOptions()
+    at_bound, other = make_fit(RELAXATION, time_constant_s=100.0), make_fit(COULOMB)
+
+    def find_models(search: ForwardSelection, fit: Fit) -> list[EquivalentModel]:
+        return [EquivalentModel(other, RELAXATION, 3.0)] if has_equivalent and fit is at_bound else []
+
+    monkeypatch.setattr(final_model, "find_free_model", lambda *_: None)
+    monkeypatch.setattr(final_model, "check_names", lambda search, fit, rng: (fit, True))
+    monkeypatch.setattr(final_model, "find_equivalent_models", find_models)
+    monkeypatch.setattr(final_model, "_decide_verdict", lambda *_: (verdict, []))
+    monkeypatch.setattr(final_model, "compute_confidence_intervals", lambda *_: [])
+    monkeypatch.setattr(final_model, "compute_equation_residuals", lambda *_: [])
+    selected = final_model.select_complete_model(search, make_fit(), at_bound, options, lambda *_: None)
+    if has_equivalent:
+        assert selected is not None
+        assert selected.final_fit is other
+    else:
+        assert (selected is None) == (verdict == "identified")
+
+
+def test_alternatives_at_bounds_and_absurd_instruments_are_no_rivals(
+    data: WeightedData, replace_fits: Callable[[Refits], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    best, base = make_fit(THRESHOLD), make_fit(chi2=500.0)
+    rivals = [
+        make_fit(STRIBECK, stick_fraction=INSIDE, chi2=1.0),
+        make_fit(COULOMB, chi2=3.0),
+        make_fit(RELAXATION, time_constant_s=1.0, chi2=2.0),
+        make_fit(GAIN, gain=1.05, chi2=2.0),
+    ]
+    step = SelectionStep(base, (), (best, *rivals), THRESHOLD, {}, "")
+    search = ForwardSelection(data, [], [], history=[step])
+    monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
+    monkeypatch.setattr(ForwardSelection, "compute_validation_gains", lambda self, before, after: {})
+
+    def find_alternatives(**refined: Fit) -> list[tuple[EffectTerm, ...]]:
+        refits = {fit.hypothesis.terms: fit for fit in [*rivals, *refined.values()]}
+        replace_fits(refits)
+        return [model.fit.hypothesis.terms for model in find_equivalent_models(search, best)]
+
+    assert set(find_alternatives()) == {(STRIBECK,), (COULOMB,), (RELAXATION,), (GAIN,)}
+    at_bound = make_fit(STRIBECK, stick_fraction=AT_BOUND, chi2=1.0)
+    assert set(find_alternatives(a=at_bound)) == {(COULOMB,), (RELAXATION,), (GAIN,)}  # once, in the simpler form
+    too_simple = make_fit(COULOMB, chi2=100.0)
+    assert set(find_alternatives(a=at_bound, b=too_simple)) == {(RELAXATION,), (GAIN,)}
+    only_form = make_fit(RELAXATION, time_constant_s=100.0, chi2=2.0)
+    assert set(find_alternatives(a=only_form)) == {(STRIBECK,), (COULOMB,), (GAIN,)}
+    absurd = make_fit(GAIN, gain=1.4, chi2=2.0)
+    assert "further off" in find_naming_obstacle(data, absurd)
+    assert set(find_alternatives(a=absurd)) == {(STRIBECK,), (COULOMB,), (RELAXATION,)}
+
+
+def test_choice_by_prediction_is_made_again_where_a_refined_fit_reaches_a_bound(
+    data: WeightedData, replace_fits: Callable[[Refits], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    selection = PredictiveSelection(data, {}, [])
+    errors = {(): [9.0] * 6, (STRIBECK,): [1.0] * 6, (COULOMB,): [2.0] * 6, (RELAXATION,): [2.1] * 6}
+
+    def assess(fit: Fit) -> PredictiveModel:
+        points = np.tile(fit.x, (6, 1))
+        return PredictiveModel(fit, np.array(errors[fit.hypothesis.terms]), points, find_naming_obstacle(data, fit))
+
+    monkeypatch.setattr(selection, "assess", assess)
+    shaped, simple = make_fit(STRIBECK, stick_fraction=INSIDE), make_fit(COULOMB)
+    relaxed = make_fit(RELAXATION, time_constant_s=1.0)
+    refits = {fit.hypothesis.terms: fit for fit in (shaped, simple, relaxed)}
+    base, *others = models = [assess(fit) for fit in (make_fit(), shaped, relaxed)]
+
+    replace_fits(refits)
+    result = selection._decide_refined(base, models)
+    assert result.chosen.terms == (STRIBECK,)
+    assert result.chosen.is_reproducible
+    assert not result.rivals
+
+    at_bound = make_fit(STRIBECK, stick_fraction=AT_BOUND)
+    replace_fits({**refits, (STRIBECK,): at_bound})
+    result = selection._decide_refined(base, models)
+    assert result.chosen.terms == (COULOMB,)  # which was not among the models
+    assert [rival.terms for rival in result.rivals] == [(RELAXATION,)]
+    assert all(model.is_reproducible for model in (result.chosen, *result.rivals))
+    assert "at its bound" in next(model.obstacle for model in result.models if model.terms == (STRIBECK,))
+
+    replace_fits({**refits, (STRIBECK,): at_bound, (RELAXATION,): make_fit(RELAXATION, time_constant_s=100.0)})
+    result = selection._decide_refined(base, models)
+    assert result.chosen.terms == (COULOMB,)
+    assert not result.rivals  # it reaches a bound, too
+
+    # Models are compared by the errors of fits that are equally coarse.
+    finer = replace(others[0], errors=np.array([3.0] * 6))
+    monkeypatch.setattr(selection, "assess", lambda fit: finer if fit is shaped else assess(fit))
+    replace_fits(refits)
+    result = selection._decide_refined(base, models)
+    assert result.chosen.terms == (STRIBECK,)
+    assert result.chosen.error == 1.0
