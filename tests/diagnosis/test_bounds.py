@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from klute_sim.device.device import load_device
-from klute_sim.diagnosis import final_model
+from klute_sim.diagnosis import final_model, workflow
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.imperfect_law import ImperfectLawDecision
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
@@ -125,6 +126,34 @@ def test_complete_model_at_a_bound_is_not_named(
         assert selected.final_fit is other
     else:
         assert (selected is None) == (verdict == "identified")
+
+
+def test_predictions_decide_where_a_complete_model_may_not_be_named(
+    data: WeightedData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search, fit, decision = ForwardSelection(data, [], []), make_fit(COULOMB), ImperfectLawDecision("unexplained", [])
+    monkeypatch.setattr(ForwardSelection, "run", lambda self, base_fit: fit)
+    monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
+    monkeypatch.setattr(workflow, "select_complete_model", lambda *_: None)
+    monkeypatch.setattr(workflow, "select_by_prediction", lambda *_: (None, None))
+    monkeypatch.setattr(workflow, "find_complete_model", lambda *_: fit)
+    monkeypatch.setattr(workflow, "decide_verdict", lambda result, has_repeats: decision)
+    monkeypatch.setattr(workflow, "select_proxies", lambda *arguments: arguments)
+    selected: Any = workflow._select_model(search, [], make_fit(), DiagnosisOptions(), lambda *_: None)
+    assert selected[2] is fit
+    assert selected[4] is decision
+
+
+@pytest.mark.parametrize("has_repeats", [True, False])
+def test_reason_states_the_bound_of_a_model_that_reaches_the_noise(
+    has_repeats: bool, data: WeightedData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search = ForwardSelection(data, [], [], has_repeats=has_repeats)
+    monkeypatch.setattr(ForwardSelection, "find_relevant_misfits", lambda self, fit: {})
+    sentences = final_model._describe_misfit(search, make_fit(RELAXATION, time_constant_s=100.0))
+    assert len(sentences) == has_repeats
+    assert all("bladder_relaxation has 'time_constant_s' at its bound, 100, so it is not" in s for s in sentences)
+    assert not final_model._describe_misfit(search, make_fit(RELAXATION, time_constant_s=1.0))
 
 
 def test_alternatives_at_bounds_and_absurd_instruments_are_no_rivals(

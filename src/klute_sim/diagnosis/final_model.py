@@ -188,7 +188,7 @@ def _describe_misfit(search: ForwardSelection, fit: Fit) -> list[str]:
     """
     misfits = search.find_relevant_misfits(fit)
     if not misfits:
-        obstacle = find_naming_obstacle(search.data, fit)
+        obstacle = find_naming_obstacle(search.data, fit) if search.has_repeats else ""
         return [f"{obstacle}, so it is not named, although it explains the data to the noise."] if obstacle else []
     channel = max(misfits, key=lambda channel: misfits[channel].significance)
     worst = misfits[channel]
