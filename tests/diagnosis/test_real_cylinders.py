@@ -15,6 +15,7 @@ from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import parse_device
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
+from klute_sim.diagnosis.selection.naming import find_terms_at_bound
 from klute_sim.diagnosis.workflow import diagnose
 from klute_sim.effects import catalogue
 from klute_sim.types import Array
@@ -291,13 +292,17 @@ def test_seal_friction_of_measured_cylinders_is_identified(file: Path, tmp_path:
     assert effects <= {"seal_friction", "sensor_offset"}
     assert result.verdict in ("identified", "identified-in-part")
     assert result.held_out == "confirmed"
+    assert result.final_fit is not None
+    assert not find_terms_at_bound(result.final_fit)
     if result.prediction is not None:
         assert result.prediction.share > 0.7
     # The force of the lip seal depends on the position, too, by 13 N at 7 bar.
     assert result.channel_rms["force"].with_effects < 0.4 * result.channel_rms["force"].nominal
 
 
-@pytest.mark.parametrize(("seal", "force", "growth"), [("O-ring257", 4.2, 0.13), ("Kidney_lc", 6.2, 0.13)])
+@pytest.mark.parametrize(
+    ("seal", "force", "growth"), [("O-ring257", 4.2, 0.13), ("Kidney_lc", 6.2, 0.13), ("X-ring257", 3.5, 0.28)]
+)
 def test_one_law_of_friction_is_identified_over_all_pressures_of_a_seal(
     seal: str, force: float, growth: float, tmp_path: Path
 ) -> None:
@@ -310,6 +315,7 @@ def test_one_law_of_friction_is_identified_over_all_pressures_of_a_seal(
     assert result.verdict in ("identified", "identified-in-part")
     assert result.held_out == "confirmed"
     assert result.final_fit is not None
+    assert not find_terms_at_bound(result.final_fit)
     intervals = dict(
         zip((p.name for p in result.final_fit.hypothesis.parameters), result.confidence_intervals, strict=True)
     )
