@@ -125,7 +125,7 @@ def select_decisive_term(
     if decisive.named_fit is None:
         reason += ": the missing effect is not in the catalogue."
         return _replace_names(search, base_fit, decisive.fit, [reason], options)
-    named_fit, has_converged = check_convergence(search.data, decisive.named_fit, np.random.default_rng(options.seed))
+    named_fit = decisive.named_fit
     share = (base_fit.chi2 - named_fit.chi2) / (base_fit.chi2 - decisive.fit.chi2)
     reason += (
         f". {_list_names(base_fit, named_fit)} takes {100.0 * share:.0f} % of what the term explains: either this is "
@@ -143,7 +143,7 @@ def select_decisive_term(
         compute_confidence_intervals(search.data, named_fit),
         [free_model, *decisive.rivals],
         compute_equation_residuals(search.data, named_fit),
-        has_converged,
+        named_fit.converged,
     )
 
 

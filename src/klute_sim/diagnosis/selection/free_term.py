@@ -9,8 +9,9 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.selection.bounds import refine_names
 from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals
-from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection
+from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection, SelectionStep
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.pair_screening import has_complete_pair
 from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
@@ -108,28 +109,35 @@ def find_decisive_term(
     gain = base_fit.chi2 - free_fit.chi2
     if has_complete_pair(search, base_fit, MIN_PAIR_GAIN_FRACTION * gain):
         return None
-    major_fit = base_fit
+    named_fit, last_step = base_fit, None
     for step in search.history[: len(free_fit.hypothesis.terms[-1].parameter_keys)]:
-        if step.added_term is None or major_fit.chi2 - step.refits[0].chi2 < MIN_TERM_SHARE * gain:
+        if step.added_term is None or named_fit.chi2 - step.refits[0].chi2 < MIN_TERM_SHARE * gain:
             break
-        major_fit = step.refits[0]
-    is_named = base_fit.chi2 - major_fit.chi2 >= MIN_NAMED_SHARE * gain
-    if not is_named or find_naming_obstacle(search.data, major_fit):
+        named_fit, last_step = step.refits[0], step
+    if last_step is None or base_fit.chi2 - named_fit.chi2 < MIN_NAMED_SHARE * gain:
         return DecisiveTerm(free_fit, None, [])
-    return DecisiveTerm(free_fit, major_fit, _list_rivals(search, base_fit, major_fit))
+    named_fit = refine_names(search.data, named_fit)
+    if base_fit.chi2 - named_fit.chi2 < MIN_NAMED_SHARE * gain or find_naming_obstacle(search.data, named_fit):
+        return DecisiveTerm(free_fit, None, [])
+    return DecisiveTerm(free_fit, named_fit, _list_rivals(search, last_step, base_fit, named_fit))
 
 
-def _list_rivals(search: ForwardSelection, base_fit: Fit, named_fit: Fit) -> list[EquivalentModel]:
-    """Return the fits with another last name that explain nearly as much as ``named_fit``, best first."""
-    step = next(step for step in search.history if step.refits and step.refits[0] is named_fit)
+def _list_rivals(search: ForwardSelection, step: SelectionStep, base_fit: Fit, named_fit: Fit) -> list[EquivalentModel]:
+    """Return the fits with another last name that explain nearly as much as ``named_fit``, best first.
+
+    ``step`` has added the last name.
+    """
     max_chi2 = named_fit.chi2 + MAX_GAIN_LAG_FRACTION * (base_fit.chi2 - named_fit.chi2)
-    name, rivals = named_fit.hypothesis.terms[-1], []
+    name = named_fit.hypothesis.terms[-1]
+    rivals: dict[tuple[str | None, ...], EquivalentModel] = {}
     for refit in step.refits[1:]:
-        is_near = refit.chi2 <= max_chi2 and refit.hypothesis.terms[-1].identity != name.identity
-        if not is_near or find_naming_obstacle(search.data, refit):
+        identity = refit.hypothesis.terms[-1].identity
+        if refit.chi2 > max_chi2 or identity == name.identity or identity in rivals:
             continue
-        gains = search.compute_validation_gains(step.initial_fit, refit)
-        if not search.rejection_reason(step.initial_fit, refit, gains):
-            rivals.append(EquivalentModel(refit, name, compute_bic_difference(search, refit, named_fit)))
-    distinct = {rival.fit.hypothesis.terms[-1].identity: rival for rival in reversed(rivals)}
-    return sorted(distinct.values(), key=lambda rival: rival.bic_difference)
+        rival = refine_names(search.data, refit)
+        if rival.chi2 > max_chi2 or find_naming_obstacle(search.data, rival):
+            continue
+        gains = search.compute_validation_gains(step.initial_fit, rival)
+        if not search.rejection_reason(step.initial_fit, rival, gains):
+            rivals[identity] = EquivalentModel(rival, name, compute_bic_difference(search, rival, named_fit))
+    return sorted(rivals.values(), key=lambda rival: rival.bic_difference)
