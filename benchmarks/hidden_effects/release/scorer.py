@@ -2,6 +2,7 @@
 
     python score.pyz ANSWERS                 # in the folder of the release
     python score.pyz ANSWERS --json          # one JSON object with the lines and the outcome of every dataset
+    python score.pyz ANSWERS --details       # a line for every dataset, in a release to develop on
 
 ANSWERS is a folder with one file NAME.json for each folder datasets/NAME. DATA_CARD.md describes both.
 """
@@ -29,6 +30,8 @@ from benchmarks.hidden_effects.score import (
 
 VERDICTS = ("nothing-missing", *sorted(NAMING_VERDICTS), *sorted(FLAGGED_VERDICTS))
 """Allowed values of ``verdict`` in an answer."""
+OPEN_FILE = "truths.json"
+"""Truths of a release to develop on."""
 SEALED_FILE = "truths.sealed"
 """File of the release with the ground truths."""
 NAMES_FILE = "names.json"
@@ -221,17 +224,34 @@ def compute_wilson_interval(count: int, of: int) -> tuple[float, float]:
     return max(0.0, center - half), min(1.0, center + half)
 
 
-def format_table(rows: Sequence[Row]) -> str:
-    """Return the table as Markdown."""
-    lines = ["| measure | value | 95 % interval | of | better |", "|---|---|---|---|---|"]
-    for row in rows:
-        better = "higher" if row.higher_is_better else "lower"
-        if not row.of:
-            lines.append(f"| {row.name} | - | - | 0 | {better} |")
-            continue
-        low, high = compute_wilson_interval(row.count, row.of)
-        interval = f"{100 * low:.1f} to {100 * high:.1f} %"
-        lines.append(f"| {row.name} | {100 * row.count / row.of:.1f} % | {interval} | {row.of} | {better} |")
+def format_table(rows: Sequence[Row], silent_rows: Sequence[Row]) -> str:
+    """Return the table as Markdown; ``silent_rows`` are those of always answering ``nothing-missing``."""
+    lines = ["| measure | value | 95 % interval | of | better | always nothing-missing |", "|---|---|---|---|---|---|"]
+    for row, silent in zip(rows, silent_rows, strict=True):
+        cells = [row.name, format_percentage(row), "-", str(row.of), "higher" if row.higher_is_better else "lower"]
+        if row.of:
+            low, high = compute_wilson_interval(row.count, row.of)
+            cells[2] = f"{100 * low:.1f} to {100 * high:.1f} %"
+        lines.append(f"| {' | '.join([*cells, format_percentage(silent)])} |")
+    return "\n".join(lines)
+
+
+def format_percentage(row: Row) -> str:
+    """Return the value of a line; '-' where it counts no dataset."""
+    return f"{100 * row.count / row.of:.1f} %" if row.of else "-"
+
+
+def format_details(answers: Sequence[ScoredAnswer]) -> str:
+    """Return a line of Markdown for every dataset, sorted by kind."""
+    lines = ["| dataset | kind | hidden | size | answer | outcome |", "|---|---|---|---|---|---|"]
+    for a in sorted(answers, key=lambda a: (a.truth["block"], a.name)):
+        hidden = ", ".join(list_hidden_effects(a.truth)) or a.truth.get("defect") or "-"
+        if a.truth.get("deleted"):
+            hidden += " (withheld)"
+        sets = [" + ".join(names) for names in list_effect_sets(a.answer) if names]
+        answer = ": ".join([a.answer["verdict"], *([" or ".join(sets)] if sets else [])])
+        size = f"{a.truth['size']:.1f}" if a.truth.get("size") else "-"
+        lines.append(f"| {a.name} | {a.truth['block']} | {hidden} | {size} | {answer} | {a.outcome} |")
     return "\n".join(lines)
 
 
@@ -266,7 +286,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--release", type=Path, default=Path("."), help="folder of the release  [default: the current folder]"
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    output.add_argument(
+        "--details", action="store_true", help="print truth, answer and outcome of every dataset instead"
+    )
     options = parser.parse_args(arguments)
     try:
         sealed = (options.release / SEALED_FILE).read_text("ascii")
@@ -275,6 +299,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     except OSError:
         parser.error(f"{options.release} has no {SEALED_FILE}; run this in the folder of the release, or use --release")
+    if options.details and not (options.release / OPEN_FILE).exists():
+        parser.error(f"{options.release} has no {OPEN_FILE}: --details is for a release to develop on")
+    if not options.answers.is_dir():
+        parser.error(f"{options.answers} is no folder; it should contain a file NAME.json for each dataset")
     try:
         answers = score_folder(unseal(sealed), kinds, withheld, options.answers)
     except AnswerError as error:
@@ -284,8 +312,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.json:
         outcomes = {a.name: a.outcome for a in answers}
         print(json.dumps({"rows": [row._asdict() for row in rows], "outcomes": outcomes}, indent=1))
+    elif options.details:
+        print(format_details(answers))
     else:
-        print(format_table(rows))
+        silent = {"verdict": "nothing-missing", "effects": [], "alternatives": []}
+        print(format_table(rows, compute_rows([score_answer(a.name, a.truth, silent) for a in answers])))
     return 0
 
 
