@@ -11,6 +11,7 @@ scores a folder of answers with nothing but Python.
 import argparse
 import hashlib
 import json
+import random
 import re
 import shutil
 import sys
@@ -33,7 +34,7 @@ from benchmarks.hidden_effects.plan import (
     JOINT_BLOCKS,
     plan_datasets,
 )
-from benchmarks.hidden_effects.release.scorer import NAMES_FILE, SEALED_FILE, WITHHELD_FILE, seal
+from benchmarks.hidden_effects.release.scorer import NAMES_FILE, OPEN_FILE, SEALED_FILE, WITHHELD_FILE, seal
 from benchmarks.hidden_effects.run import list_excluded
 from rich.progress import track
 
@@ -48,8 +49,6 @@ BENCH_BLOCKS = tuple(block for block in BLOCK_SIZES if block not in (*GAIT_BLOCK
 """Blocks that are released: those of the test bench with the physics of the program."""
 SCORER_FILES = tuple(f"benchmarks/hidden_effects/{name}.py" for name in ("catalogue", "score", "release/scorer"))
 """Modules in score.pyz."""
-OPEN_FILE = "truths.json"
-"""Truths of a release to develop on."""
 
 
 def freeze(
@@ -57,13 +56,11 @@ def freeze(
 ) -> dict[str, Any]:
     """Write the release into the new folder ``folder``; return the ground truth by name.
 
-    ``count`` limits the datasets of each block. A release to develop on also has its truths in the open. Raises
-    FileExistsError when ``folder`` exists.
+    ``count`` limits the datasets of each block, to a random sample that depends on ``seed``. A release to develop on
+    also has its truths in the open. Raises FileExistsError when ``folder`` exists.
     """
     folder.mkdir(parents=True)
-    specs = [
-        spec for block in blocks for spec in plan_datasets(block, BLOCK_SIZES[block] if count is None else count, seed)
-    ]
+    specs = [spec for block in blocks for spec in sample_block(block, count, seed)]
     truths: dict[str, Any] = {}
     withheld: dict[str, list[str]] = {}
     order = sorted(specs, key=lambda spec: hashlib.sha256(spec["name"].encode()).hexdigest())  # names tell no block
@@ -97,6 +94,17 @@ def freeze(
         card = card.replace(f"{{{field}}}", text)
     (folder / "DATA_CARD.md").write_text(card, "utf-8")
     return truths
+
+
+def sample_block(block: str, count: int | None, seed: int) -> list[dict[str, Any]]:
+    """Return the specifications of ``count`` datasets of ``block``, at random so that a small release has many effects.
+
+    The whole block, or a longer plan than it, is in order.
+    """
+    plan = plan_datasets(block, max(BLOCK_SIZES[block], count or 0), seed)
+    if count is None or count >= len(plan):
+        return plan
+    return [plan[i] for i in sorted(random.Random(f"{seed} {block}").sample(range(len(plan)), count))]
 
 
 def write_parquet_dataset(source: Path, target: Path) -> None:
@@ -152,9 +160,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="new folder of the release")
     parser.add_argument("--block", choices=BENCH_BLOCKS, action="append", help="may be repeated  [default: all]")
-    parser.add_argument("--count", type=int, help="datasets of every block  [default: as many as tell enough]")
-    parser.add_argument("--half", choices=tuple(HALF_SEEDS), default="test", help="[default: test]")
-    parser.add_argument("--seed", type=int, help="seed of a release to develop on, with truths.json")
+    parser.add_argument("--count", type=int, help="datasets of every block, at random  [default: all]")
+    seeds = parser.add_mutually_exclusive_group()
+    seeds.add_argument("--half", choices=tuple(HALF_SEEDS), default="test", help="[default: test]")
+    seeds.add_argument("--seed", type=int, help="seed of a release to develop on, with truths.json")
     options = parser.parse_args()
     if options.out.exists():
         parser.error(f"{options.out} exists; choose a new folder")
