@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -75,6 +76,36 @@ def test_only_a_release_to_develop_on_has_open_truths(frozen: tuple[Path, dict[s
     assert json.loads((tmp_path / "own" / "truths.json").read_text()) == json.loads(json.dumps(truths))
 
 
+def test_details_show_truth_and_answer_only_where_truths_are_open(
+    frozen: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    folder, truths = frozen
+    answer = {"verdict": "indistinguishable", "effects": [{"name": "leak"}], "alternatives": [["hose", "end_taper"]]}
+    answers = write_answers(tmp_path / "a", dict.fromkeys(truths, answer))
+    done = run_scorer(folder, answers, "--details")
+    assert done.returncode == 2
+    assert "--details is for a release to develop on" in done.stderr
+    own = tmp_path / "own"
+    shutil.copytree(folder, own)
+    (own / "truths.json").write_text(json.dumps(truths))
+    lines = run_scorer(own, answers, "--details").stdout.splitlines()[2:]
+    assert [line.split(" | ")[1] for line in lines] == ["clean", "outside", "single"]
+    assert " | clean | - | - | indistinguishable: leak or end_taper + hose | false-alarm |" in lines[0]
+    (hidden,) = (truth["effects"][0] for truth in truths.values() if truth["block"] == "single")
+    assert f" | single | {hidden['name']} | {hidden['size']:.1f} | " in lines[2]
+
+
+def test_count_is_a_random_sample_of_a_block() -> None:
+    whole = release.sample_block("single", None, 7)
+    sample = release.sample_block("single", 12, 7)
+    assert sample == release.sample_block("single", 12, 7)
+    assert all(spec in whole for spec in sample)
+    assert len({spec["name"] for spec in sample}) == 12
+    assert len({spec["effects"][0]["name"] for spec in sample}) > 6
+    assert sample != release.sample_block("single", 12, 8)
+    assert len(release.sample_block("defective", 11, 7)) == 11
+
+
 def test_truth_scores_full_marks_and_a_silent_method_does_not(
     frozen: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
@@ -138,6 +169,9 @@ def test_missing_answer_and_missing_release_are_refused(frozen: tuple[Path, dict
     assert len(messages) == 4  # each of them at once
     assert "d0000.json is missing; every dataset needs an answer" in messages[0]
     assert "d9999.json belongs to no dataset of this release" in messages[3]
+    done = run_scorer(folder, tmp_path / "nowhere")
+    assert done.returncode == 2
+    assert "nowhere is no folder; it should contain a file NAME.json for each dataset" in done.stderr
     command = [sys.executable, str(folder / "score.pyz"), str(tmp_path), "--release", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
@@ -177,6 +211,8 @@ def test_simulation_of_the_card_agrees_with_clean_data(
     assert misfit < 30.0  # the uncertain numbers are not refitted
     assert misfit < without_hold
     assert names["with_effect"].digest != names["changed"].digest != names["device"].digest
+    allowed = json.loads(Path("names.json").read_text())
+    assert {name for name, _ in names["candidates"]} == {name for name, kind in allowed.items() if kind == "device"}
 
 
 def test_silence_about_a_wrong_number_is_no_success() -> None:
