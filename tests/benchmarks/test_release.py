@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 def frozen(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     """Return a release of a clean dataset and two with an effect, and its truths."""
     folder = tmp_path_factory.mktemp("release") / "r"
-    return folder, release.freeze(folder, ("clean", "single", "outside"), 1, 7)
+    return folder, release.freeze(folder, ("clean", "single", "outside"), 1, 15)  # sizes of 2 and 8
 
 
 def run_scorer(folder: Path, answers: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
