@@ -6,12 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from klute_sim.diagnosis import final_model
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.selection import free_term
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, SelectionStep
-from klute_sim.diagnosis.selection.free_term import find_complete_term, find_decisive_term, find_free_model
+from klute_sim.diagnosis.selection.free_term import (
+    find_complete_term,
+    find_decisive_term,
+    find_free_model,
+    list_kinds,
+    name_place,
+)
 from klute_sim.diagnosis.selection.screening import screen_candidates
 from klute_sim.diagnosis.selection.sparse_regression import _eliminate_functions
+from tests.diagnosis.test_predictive_selection import make_fit
 from tests.diagnosis.test_sparse_regression import create_search
 
 FRICTION = EffectTerm("braid_hysteresis", "coulomb")
@@ -58,22 +68,45 @@ def test_true_name_is_not_beaten_and_an_imitation_is(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.slow
-def test_term_that_alone_reaches_the_noise_stands_beside_the_names(tmp_path: Path) -> None:
+def test_term_that_alone_reaches_the_noise_stands_beside_names_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Friction that rises with the contraction is in no catalogue, and that of a braid resembles it."""
     hidden = {("unknown_force", "sparse"): {"contraction_friction_n": 20.0, "pressure_speed_n": 15.0}}
     for search, base in create_search(tmp_path / "d", hidden):
         search.candidate_terms = [FRICTION, SEAL]
         named = search.run(base)
         assert search.has_misfit(named)
+        assert find_complete_term(search, base) is not None
+        assert find_decisive_term(search, base, named) is None  # in the same equation, names may be a part of the term
+        monkeypatch.setattr(free_term, "name_place", lambda term: term.effect)
         decisive = find_decisive_term(search, base, named)
         assert decisive is not None
         assert not search.has_misfit(decisive.fit)
         assert decisive.named_fit is not None
-        (name,) = decisive.named_fit.hypothesis.terms
-        assert name == FRICTION
+        assert decisive.named_fit.hypothesis.terms == (FRICTION,)
         assert [rival.fit.hypothesis.terms[-1] for rival in decisive.rivals] in ([], [SEAL])
         assert find_decisive_term(search, base, named, ("unknown_force",)) is None
         assert find_decisive_term(search, base, decisive.fit) is None  # the names are as good
+
+
+def test_places_and_kinds_of_causes() -> None:
+    gain, valve = EffectTerm("sensor_gain", "linear", "force"), EffectTerm("choked_valve", "symmetric")
+    radius = EffectTerm("number_error", "value", number="muscle.bladder_radius_mm")
+    inertia = EffectTerm("number_error", "value", number="model.geom.load.mass")
+    assert [name_place(term) for term in (gain, valve, FRICTION)] == ["instrument", "supply", "device"]
+    assert [name_place(term) for term in (radius, inertia)] == ["device", "mechanism"]
+    assert list_kinds([gain, FRICTION, SEAL, radius]) == ["device", "instrument", "number"]
+
+
+@pytest.mark.parametrize(("n_names", "verdict"), [(2, "identified"), (3, "unexplained")])
+def test_names_of_three_kinds_at_once_are_proxies(n_names: int, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    radius = EffectTerm("number_error", "value", number="muscle.bladder_radius_mm")
+    fit = make_fit((FRICTION, EffectTerm("sensor_gain", "linear", "force"), radius)[:n_names])
+    search = ForwardSelection(WeightedData(Simulator(1), [], {}), [], [])
+    monkeypatch.setattr(search, "has_misfit", lambda _: False)
+    assert final_model._decide_verdict(search, fit, [])[0] == verdict
+    search.data.simulator.close()
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from klute_sim.diagnosis.selection.free_term import (
     compute_bic_difference,
     find_decisive_term,
     find_free_model,
+    list_kinds,
 )
 from klute_sim.diagnosis.selection.imitation import find_better_free_model
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_term_without_effect, find_terms_at_bound
@@ -33,6 +34,10 @@ from klute_sim.diagnosis.selection.robustness import (
 )
 from klute_sim.diagnosis.selection.sparse_regression import fit_discrepancy_term
 from klute_sim.types import ProgressCallback
+
+MIN_COINCIDENT_KINDS = 3
+"""Number of kinds of causes (number, instrument, device, mechanism, body) that a fit alone cannot prove at once
+(assumed: three independent faults in three places are rarer than one effect outside the catalogue)."""
 
 
 class FinalModel(NamedTuple):
@@ -128,8 +133,8 @@ def select_decisive_term(
     named_fit = decisive.named_fit
     share = (base_fit.chi2 - named_fit.chi2) / (base_fit.chi2 - decisive.fit.chi2)
     reason += (
-        f". {_list_names(base_fit, named_fit)} takes {100.0 * share:.0f} % of what the term explains: either this is "
-        "missing in another form, or the missing effect is not in the catalogue and resembles it."
+        f". {_list_names(base_fit, named_fit)} takes {100.0 * share:.0f} % of what the term explains, from elsewhere: "
+        "either this is missing in another form, or the missing effect is not in the catalogue and resembles it."
     )
     free_model = EquivalentModel(
         decisive.fit, named_fit.hypothesis.terms[-1], compute_bic_difference(search, decisive.fit, named_fit)
@@ -338,6 +343,13 @@ def _decide_verdict(
         )
     if not search.has_repeats:
         return "insufficient-data", reasons
+    kinds = list_kinds(terms)
+    if len(kinds) >= MIN_COINCIDENT_KINDS:
+        sentence = (
+            f"The names are of {len(kinds)} kinds at once ({', '.join(kinds)}). Each may fill up what the others leave "
+            "of one missing effect, so they are proxies; measure one of them alone."
+        )
+        return "unexplained", [sentence, *reasons]
     if equivalent_models:
         names = ", ".join(sorted({str(model.fit.hypothesis.terms[-1]) for model in equivalent_models}))
         sentence = (

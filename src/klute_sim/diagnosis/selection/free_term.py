@@ -5,9 +5,12 @@ misfit represents any such effect. Names stand if the term is not better. Where 
 (the device, an instrument, a wrong number), which is a coincidence, an equally good term makes them indistinguishable.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
+from klute_sim.datasets.mechanism import is_model_number
+from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.selection.bounds import refine_names
 from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals
@@ -16,6 +19,7 @@ from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.pair_screening import has_complete_pair
 from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
 from klute_sim.diagnosis.selection.robustness import MAX_GAIN_LAG_FRACTION, EquivalentModel
+from klute_sim.diagnosis.selection.screening import acts_on_pressure
 from klute_sim.diagnosis.selection.sparse_regression import fit_free_term
 
 DECISIVE_MARGIN = 3.0
@@ -60,19 +64,33 @@ def find_free_model(
     free_fit = find_complete_term(search, base_fit, exclude)
     if free_fit is None:
         return None
-    places = {"number" if term.number else term.effect_definition.kind for term in names}
     bic_difference = compute_bic_difference(search, free_fit, named_fit)
-    if bic_difference > (search.bic_threshold if len(places) > 1 else -search.bic_threshold):
+    if bic_difference > (search.bic_threshold if len(list_kinds(names)) > 1 else -search.bic_threshold):
         return None
     if not predicts_as_well(search, free_fit, named_fit):
         return None
     return EquivalentModel(free_fit, names[-1], bic_difference)
 
 
+def list_kinds(names: Iterable[EffectTerm]) -> list[str]:
+    """Return the kinds of causes among ``names``: a number, or an effect of device, mechanism, body or instrument."""
+    return sorted({"number" if term.number else term.effect_definition.kind for term in names})
+
+
 def compute_bic_difference(search: ForwardSelection, free_fit: Fit, named_fit: Fit) -> float:
     """Return the BIC of ``free_fit`` minus that of ``named_fit``."""
     n = search.data.n_effective
     return free_fit.bic(n) - named_fit.bic(n)
+
+
+def name_place(term: EffectTerm) -> str:
+    """Return the part that ``term`` is in: the supply, a device, the mechanism, the body or an instrument."""
+    if term.number and is_model_number(term.number):
+        return "mechanism"
+    if term.number:
+        return "supply" if term.number.partition(".")[0] in PNEUMATIC_SECTIONS else "device"
+    effect = term.effect_definition
+    return "supply" if effect.kind == "device" and acts_on_pressure(effect) else effect.kind
 
 
 class DecisiveTerm(NamedTuple):
@@ -95,10 +113,11 @@ def find_decisive_term(
     :data:`DECISIVE_MARGIN` thresholds of BIC and predict every validation group as well, and no pair of effects may
     reach the noise: effects are added one at a time, and a pair of which neither explains much alone is passed by.
 
-    One cause suffices then. It is outside the catalogue, or an effect of the catalogue in another form, which the data
-    cannot tell: names that take at least :data:`MIN_NAMED_SHARE` of what the term explains are listed beside it, but no
-    more of them than the term has functions. A name that takes less than :data:`MIN_TERM_SHARE` of it only fills up
-    what the others leave. ``exclude`` names effects that are not candidates.
+    One cause suffices then, at the place of the term (supply, device, joint). Names there may be a part of it: an
+    imperfect law, or another form. Then there is no decisive term. Names elsewhere that take at least
+    :data:`MIN_NAMED_SHARE` of what the term explains are listed beside it, but no more of them than the term has
+    functions. A name that takes less than :data:`MIN_TERM_SHARE` of it only fills up what the others leave. ``exclude``
+    names effects that are not candidates.
     """
     free_fit = find_complete_term(search, base_fit, exclude)
     max_difference = -DECISIVE_MARGIN * search.bic_threshold
@@ -107,14 +126,19 @@ def find_decisive_term(
     if not predicts_as_well(search, free_fit, named_fit):
         return None
     gain = base_fit.chi2 - free_fit.chi2
-    if has_complete_pair(search, base_fit, MIN_PAIR_GAIN_FRACTION * gain):
-        return None
+    free_term = free_fit.hypothesis.terms[-1]
     named_fit, last_step = base_fit, None
-    for step in search.history[: len(free_fit.hypothesis.terms[-1].parameter_keys)]:
+    for step in search.history[: len(free_term.parameter_keys)]:
         if step.added_term is None or named_fit.chi2 - step.refits[0].chi2 < MIN_TERM_SHARE * gain:
             break
         named_fit, last_step = step.refits[0], step
-    if last_step is None or base_fit.chi2 - named_fit.chi2 < MIN_NAMED_SHARE * gain:
+    is_named = last_step is not None and base_fit.chi2 - named_fit.chi2 >= MIN_NAMED_SHARE * gain
+    names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
+    if is_named and {name_place(term) for term in names} == {name_place(free_term)}:
+        return None
+    if has_complete_pair(search, base_fit, MIN_PAIR_GAIN_FRACTION * gain):
+        return None
+    if last_step is None or not is_named:
         return DecisiveTerm(free_fit, None, [])
     named_fit = refine_names(search.data, named_fit)
     if base_fit.chi2 - named_fit.chi2 < MIN_NAMED_SHARE * gain or find_naming_obstacle(search.data, named_fit):
