@@ -249,8 +249,14 @@ class PredictiveSelection:
             models = self._add_simplified(refined, [refined if model is coarse else model for model in models])
 
     def _decide(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
+        noise_fractions = [
+            self.repeat_noise[channel].std ** 2 / law_error.std**2
+            for channel, law_error in self.data.noise.items()
+            if channel in self.repeat_noise
+        ]
+        noise = float(np.mean(noise_fractions)) if noise_fractions else 0.0
         nameable = [model for model in models if not model.obstacle]
-        chosen, stability = choose_stable_model(nameable, len(self.folds))
+        chosen, stability = choose_stable_model(nameable, len(self.folds), noise)
         rivals = [
             model
             for model in nameable
@@ -259,12 +265,6 @@ class PredictiveSelection:
             and (is_as_good(model, chosen) or model.error <= MAX_RIVAL_RATIO * chosen.error)
         ]
         distinct = {model.identities: model for model in reversed(rivals)}
-        noise_fractions = [
-            self.repeat_noise[channel].std ** 2 / law_error.std**2
-            for channel, law_error in self.data.noise.items()
-            if channel in self.repeat_noise
-        ]
-        noise = float(np.mean(noise_fractions)) if noise_fractions else 0.0
         explainable = base.error - noise
         share = (base.error - chosen.error) / explainable if explainable > 0.0 else 0.0
         return PredictiveResult(
