@@ -10,8 +10,9 @@ from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.selection import imitation
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.imitation import FreeModel, find_better_free_model
+from klute_sim.diagnosis.selection.imitation import FreeComparison, compare_with_free_models
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
 from klute_sim.units import BAR
@@ -44,9 +45,9 @@ def add_cross_talk(experiment: Experiment) -> Experiment:
     return replace(experiment, measured={**experiment.measured, "force": TimeSeries(force.time, force.value + part)})
 
 
-def judge(search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, ...] = ()) -> FreeModel | None:
-    """Return what refuses the names of ``named``, with all trials of ``search`` and ``named``'s error as that of the
-    law."""
+def judge(search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, ...] = ()) -> FreeComparison:
+    """Return the data-driven terms beside the names of ``named``, whose error is that of the law, with all trials of
+    ``search``."""
     data = weight_by_law_error(search.data, search.data.experiments, named.residuals)
     selection = PredictiveSelection(data, dict(search.data.noise), [])
     base_model, chosen = (selection.assess(fit_hypothesis(data, fit.hypothesis, fit.x)) for fit in (base, named))
@@ -56,23 +57,35 @@ def judge(search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, .
     result = PredictiveResult(
         base_model, chosen, [], [chosen, base_model], stability, share, noise, selection.fold_kind, len(selection.folds)
     )
-    return find_better_free_model(search, base, selection, result, exclude)
+    return compare_with_free_models(search, base, selection, result, exclude)
 
 
 def test_imitations_of_a_missing_friction_are_refused(with_friction: tuple[ForwardSelection, Fit]) -> None:
     search, base = with_friction
     imitation = add_terms(search, base, SEAL_FRICTION, DAMPING)
-    free_model = judge(search, base, imitation)
+    free_model = judge(search, base, imitation).better
     assert free_model is not None
     assert "in one equation (F += " in free_model.description
     assert "N p d" in free_model.description
     assert free_model.fit is not None
-    assert judge(search, base, imitation, ("unknown_force",)) is None
+    assert judge(search, base, imitation, ("unknown_force",)).better is None
 
 
 def test_true_name_stands(with_friction: tuple[ForwardSelection, Fit]) -> None:
     search, base = with_friction
-    assert judge(search, base, add_terms(search, base, BRAID_FRICTION)) is None
+    assert judge(search, base, add_terms(search, base, BRAID_FRICTION)) == FreeComparison()
+
+
+def test_term_elsewhere_that_predicts_as_well_is_a_rival(
+    with_friction: tuple[ForwardSelection, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(imitation, "name_place", lambda term: term.effect)
+    search, base = with_friction
+    better, rival = judge(search, base, add_terms(search, base, BRAID_FRICTION))
+    assert better is None
+    assert rival is not None
+    assert "N p d" in rival.description  # the same friction, as a function
+    assert judge(search, base, add_terms(search, base, BRAID_FRICTION), ("unknown_force",)).rival is None
 
 
 def test_cross_talk_into_the_load_cell_is_found(clean: tuple[ForwardSelection, Fit]) -> None:
@@ -80,7 +93,7 @@ def test_cross_talk_into_the_load_cell_is_found(clean: tuple[ForwardSelection, F
     data = search.data.with_experiments([add_cross_talk(e) for e in search.data.experiments])
     base = fit_hypothesis(data, clean_base.hypothesis, clean_base.x)
     disturbed = replace(search, data=data, history=[])
-    free_model = judge(disturbed, base, add_terms(disturbed, base, SEAL_FRICTION))
+    free_model = judge(disturbed, base, add_terms(disturbed, base, SEAL_FRICTION)).better
     assert free_model is not None
     assert free_model.fit is None
     assert "in the reading of 'force'" in free_model.description
@@ -101,4 +114,5 @@ def test_wrong_gain_is_not_refused(clean: tuple[ForwardSelection, Fit]) -> None:
     data = search.data.with_experiments(experiments)
     base = fit_hypothesis(data, clean_base.hypothesis, clean_base.x)
     disturbed = replace(search, data=data, history=[])
-    assert judge(disturbed, base, add_terms(disturbed, base, EffectTerm("sensor_gain", "linear", "force"))) is None
+    gain = add_terms(disturbed, base, EffectTerm("sensor_gain", "linear", "force"))
+    assert judge(disturbed, base, gain).better is None

@@ -17,11 +17,11 @@ from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.free_term import (
     DECISIVE_MARGIN,
     compute_bic_difference,
+    describe_coincidence,
     find_decisive_term,
     find_free_model,
-    list_kinds,
 )
-from klute_sim.diagnosis.selection.imitation import find_better_free_model
+from klute_sim.diagnosis.selection.imitation import compare_with_free_models
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_term_without_effect, find_terms_at_bound
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
@@ -34,10 +34,6 @@ from klute_sim.diagnosis.selection.robustness import (
 )
 from klute_sim.diagnosis.selection.sparse_regression import fit_discrepancy_term
 from klute_sim.types import ProgressCallback
-
-MIN_COINCIDENT_KINDS = 3
-"""Number of kinds of causes (number, instrument, device, mechanism, body) that a fit alone cannot prove at once
-(assumed: three independent faults in three places are rarer than one effect outside the catalogue)."""
 
 
 class FinalModel(NamedTuple):
@@ -219,7 +215,7 @@ def select_imperfect_model(
     ``base_fit`` is the fit of ``search`` without added effects.
     """
     progress(0.7, "comparing the names with a data-driven term")
-    free_model = find_better_free_model(search, base_fit, selection, result, options.exclude)
+    free_model, free_rival = compare_with_free_models(search, base_fit, selection, result, options.exclude)
     if free_model is not None:
         reason = (
             f"A data-driven term of the same size {free_model.description} predicts better: it leaves "
@@ -236,9 +232,18 @@ def select_imperfect_model(
         EquivalentModel(rival.fit, _find_replaced_term(result, rival), rival.error - result.chosen.error)
         for rival in (result.rivals if decision.verdict == "indistinguishable" else ())
     ]
+    reasons = decision.reasons
+    if free_rival is not None and free_rival.fit is not None:
+        reason = (
+            f"A data-driven term of the same size {free_rival.description} would predict as well, from elsewhere: the "
+            "missing effect may be there, and in no catalogue."
+        )
+        reasons = [*reasons, reason]
+        difference = free_rival.error - result.chosen.error
+        equivalent_models.append(EquivalentModel(free_rival.fit, result.chosen.terms[-1], difference))
     return FinalModel(
-        decision.verdict,
-        decision.reasons,
+        "indistinguishable" if equivalent_models else decision.verdict,
+        reasons,
         selection.data,
         result.base.fit,
         result.chosen.fit,
@@ -343,13 +348,9 @@ def _decide_verdict(
         )
     if not search.has_repeats:
         return "insufficient-data", reasons
-    kinds = list_kinds(terms)
-    if len(kinds) >= MIN_COINCIDENT_KINDS:
-        sentence = (
-            f"The names are of {len(kinds)} kinds at once ({', '.join(kinds)}). Each may fill up what the others leave "
-            "of one missing effect, so they are proxies; measure one of them alone."
-        )
-        return "unexplained", [sentence, *reasons]
+    coincidence = describe_coincidence(terms)
+    if coincidence:
+        return "unexplained", [coincidence, *reasons]
     if equivalent_models:
         names = ", ".join(sorted({str(model.fit.hypothesis.terms[-1]) for model in equivalent_models}))
         sentence = (

@@ -15,6 +15,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.free_term import describe_coincidence
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.predictive_model import MIN_STABILITY, PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import (
@@ -115,6 +116,9 @@ def decide_verdict(result: PredictiveResult, *, has_repeats: bool = True) -> Imp
     if result.share < MIN_SHARE:
         reasons.append(f"Less than {100 * MIN_SHARE:.0f} % is not worth a name.")
         return ImperfectLawDecision(unexplained, reasons)
+    coincidence = describe_coincidence(chosen.terms)
+    if coincidence:
+        return ImperfectLawDecision(unexplained, [*reasons, coincidence])
     if result.rivals:
         sets = " or ".join(_list_terms(model) for model in result.rivals)
         reasons.append(

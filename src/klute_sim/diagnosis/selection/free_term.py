@@ -32,6 +32,10 @@ MIN_NAMED_SHARE = 0.6
 """Share of the fall of chi squared with the term, from which on names are listed beside it (assumed: as where the law
 is imperfect, :mod:`klute_sim.diagnosis.selection.predictive_selection`)."""
 
+MIN_COINCIDENT_KINDS = 3
+"""Number of kinds of causes (number, instrument, device, mechanism, body) that a fit alone cannot prove at once
+(assumed: three independent faults in three places are rarer than one effect outside the catalogue)."""
+
 
 def find_complete_term(search: ForwardSelection, base_fit: Fit, exclude: Collection[str] = ()) -> Fit | None:
     """Return ``base_fit`` with a data-driven term in one equation with which repeats show no misfit; None without one.
@@ -75,6 +79,17 @@ def find_free_model(
 def list_kinds(names: Iterable[EffectTerm]) -> list[str]:
     """Return the kinds of causes among ``names``: a number, or an effect of device, mechanism, body or instrument."""
     return sorted({"number" if term.number else term.effect_definition.kind for term in names})
+
+
+def describe_coincidence(names: Iterable[EffectTerm]) -> str:
+    """Return why ``names`` of :data:`MIN_COINCIDENT_KINDS` kinds at once are not named; '' for fewer kinds."""
+    kinds = list_kinds(names)
+    if len(kinds) < MIN_COINCIDENT_KINDS:
+        return ""
+    return (
+        f"The names are of {len(kinds)} kinds at once ({', '.join(kinds)}). Each may fill up what the others leave of "
+        "one missing effect, so they are proxies; measure one of them alone."
+    )
 
 
 def compute_bic_difference(search: ForwardSelection, free_fit: Fit, named_fit: Fit) -> float:

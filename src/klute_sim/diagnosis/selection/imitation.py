@@ -22,13 +22,18 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.selection.bounds import simplify_terms
 from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.free_term import name_place
 from klute_sim.diagnosis.selection.predictive_model import (
     MIN_TERM_SHARE,
     PredictiveModel,
     PredictiveResult,
     is_as_good,
 )
-from klute_sim.diagnosis.selection.predictive_selection import COMPARISON_ROUNDS, PredictiveSelection
+from klute_sim.diagnosis.selection.predictive_selection import (
+    COMPARISON_ROUNDS,
+    MAX_RIVAL_RATIO,
+    PredictiveSelection,
+)
 from klute_sim.diagnosis.selection.sparse_regression import find_supports, format_formula, list_discrepancy_terms
 from klute_sim.types import Array
 
@@ -48,6 +53,15 @@ class FreeModel(NamedTuple):
     """Fit of a term in an equation; None for one in a reading, which no device file holds."""
 
 
+class FreeComparison(NamedTuple):
+    """Data-driven terms beside names."""
+
+    better: FreeModel | None = None
+    """Term that predicts much better than the names; None if they stand."""
+    rival: FreeModel | None = None
+    """Term of the size of the names at another place that predicts as well; None without one."""
+
+
 class ReadingFunction(NamedTuple):
     """A function that may be added to the reading of a channel."""
 
@@ -57,17 +71,20 @@ class ReadingFunction(NamedTuple):
     """Derivative of the weighted residuals by the coefficient, (residuals,)."""
 
 
-def find_better_free_model(
+def compare_with_free_models(
     search: ForwardSelection,
     base_fit: Fit,
     selection: PredictiveSelection,
     result: PredictiveResult,
     exclude: Collection[str] = (),
-) -> FreeModel | None:
-    """Return a data-driven term that predicts much better than the names of ``result``; None if they stand.
+) -> FreeComparison:
+    """Return the data-driven terms that refuse the names of ``result``, or that cannot be told from them.
 
-    ``base_fit`` is the fit of ``search`` without added effects; ``exclude`` names effects that are not candidates.
+    ``base_fit`` is the fit of ``search`` without added effects; ``exclude`` names effects that are not candidates. A
+    term in the equation of a name may contain it, so only terms elsewhere are rivals.
     """
+    names = result.chosen.terms
+    rivals: list[FreeModel] = []
     min_gain = MIN_TERM_SHARE * (result.base.error - result.noise)
 
     def find_limit(named_error: float) -> float:
@@ -75,16 +92,19 @@ def find_better_free_model(
         return min(result.noise + remaining, named_error - min_gain)
 
     limit = find_limit(result.chosen.error)
-    for n_functions in range(1, len(result.chosen.terms) + 1):
+    for n_functions in range(1, len(names) + 1):
         best = min(_fit_readings(selection, result.base.fit, n_functions), key=lambda model: model.error)
         if best.error < limit:
-            return best
+            return FreeComparison(better=best)
     equation_residuals = compute_equation_residuals(search.data, base_fit)
     for library in list_discrepancy_terms(base_fit, equation_residuals, exclude).values():
         # Smallest first, so that the shortest of the formulas that predict as well is compared.
         models = list(_extend(selection, result.base.fit, library))
         if not models:  # no function has an influence
             continue
+        if name_place(library) not in {name_place(term) for term in names}:
+            small = [model for model in models if len(model.terms[-1].parameter_keys) <= len(names)]
+            rivals += [_describe(model) for model in small if _predicts_as_well(model, result.chosen)]
         best_model = min(models, key=lambda model: model.error)
         free = next(
             model for model in models if is_as_good(model, best_model) or model.error < best_model.error + min_gain
@@ -94,8 +114,17 @@ def find_better_free_model(
         # Where one condition alone determines the shape of a friction, names fail to predict it. Medians pass over it.
         named_error = min(_complete_names(selection, result, library, len(free.terms[-1].parameter_keys)))
         if float(np.median(free.errors)) < find_limit(named_error):
-            return FreeModel(f"in one equation ({format_formula(free.fit)})", free.error, free.fit)
-    return None
+            return FreeComparison(better=_describe(free))
+    return FreeComparison(rival=min(rivals, key=lambda rival: rival.error, default=None))
+
+
+def _describe(model: PredictiveModel) -> FreeModel:
+    return FreeModel(f"in one equation ({format_formula(model.fit)})", model.error, model.fit)
+
+
+def _predicts_as_well(model: PredictiveModel, chosen: PredictiveModel) -> bool:
+    """Return whether ``model`` is a rival of ``chosen``, as other names would be."""
+    return is_as_good(model, chosen) or model.error <= MAX_RIVAL_RATIO * chosen.error
 
 
 def _extend(
