@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from klute_sim.diagnosis import final_model
-from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
-from klute_sim.diagnosis.selection import free_term
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, SelectionStep
-from klute_sim.diagnosis.selection.free_term import (
+from klute_sim.diagnosis.discrepancy import free_term
+from klute_sim.diagnosis.discrepancy.free_term import (
     find_complete_term,
     find_decisive_term,
     find_free_model,
     list_kinds,
     name_place,
 )
+from klute_sim.diagnosis.discrepancy.sparse_regression import _eliminate_functions
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, SelectionStep
 from klute_sim.diagnosis.selection.screening import screen_candidates
-from klute_sim.diagnosis.selection.sparse_regression import _eliminate_functions
 from tests.diagnosis.test_predictive_selection import make_fit
 from tests.diagnosis.test_sparse_regression import create_search
 

@@ -19,9 +19,9 @@ from klute_sim.diagnosis.experiments.gait import (
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator, observe, simulate_extrapolated
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.localization.misfit_regions import _find_region, _list_splits
 from klute_sim.diagnosis.noise import repeats as noises
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
-from klute_sim.diagnosis.selection.localization import _find_region, _list_splits
 from klute_sim.diagnosis.workflow import diagnose
 from klute_sim.errors import InputError
 from klute_sim.gait.replay.foot import build_device_foot

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from klute_sim.diagnosis.discrepancy.sparse_regression import fit_discrepancy_term, format_formula
 from klute_sim.diagnosis.experiments.base import BodyEdit
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
-from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals, select_significant_equations
+from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals, select_significant_equations
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.sparse_regression import fit_discrepancy_term, format_formula
 from klute_sim.errors import InputError
 from klute_sim.gait.rig.build import build_gait_model
 from tests.diagnosis import synthetic_walk as walk

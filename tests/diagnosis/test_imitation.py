@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from klute_sim.datasets.trial import TimeSeries
+from klute_sim.diagnosis.discrepancy import imitation
+from klute_sim.diagnosis.discrepancy.imitation import FreeComparison, compare_with_free_models
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
-from klute_sim.diagnosis.selection import imitation
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.imitation import FreeComparison, compare_with_free_models
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
 from klute_sim.units import BAR

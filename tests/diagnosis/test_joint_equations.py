@@ -10,15 +10,15 @@ import pytest
 from klute_sim.api.diagnosis import load_dataset
 from klute_sim.datasets.dataset import split_dataset
 from klute_sim.device.device import Device, load_device, parse_device
+from klute_sim.diagnosis.discrepancy.free_term import find_free_model
+from klute_sim.diagnosis.discrepancy.sparse_regression import fit_discrepancy_term, format_formula
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals, select_significant_equations
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
-from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals, select_significant_equations
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.free_term import find_free_model
-from klute_sim.diagnosis.selection.sparse_regression import fit_discrepancy_term, format_formula
 from klute_sim.plant.mjcf.model_effects import ModelEffect
 from tests.diagnosis import synthetic_joint_dataset as joint
 

@@ -10,8 +10,8 @@ from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.localization.misfit_map import MAX_HELD_SPEED_FRACTION, label_samples, map_misfit
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
-from klute_sim.diagnosis.selection.misfit_map import MAX_HELD_SPEED_FRACTION, label_samples, map_misfit
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats
 
 SAMPLES, INTERVAL = 4000, 0.005

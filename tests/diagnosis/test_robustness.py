@@ -13,10 +13,10 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
+from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals, select_significant_equations
+from klute_sim.diagnosis.localization.misfit_regions import locate_misfit
 from klute_sim.diagnosis.planning.proposals import RIG_CHANGES, propose_experiment
 from klute_sim.diagnosis.result import DiagnosisOptions
-from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals, select_significant_equations
-from klute_sim.diagnosis.selection.localization import locate_misfit
 from klute_sim.diagnosis.workflow import diagnose, fit_base_device
 from tests.diagnosis.synthetic_dataset import write_dataset
 

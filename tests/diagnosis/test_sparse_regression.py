@@ -14,17 +14,17 @@ from benchmarks.hidden_effects.generate import make_dataset
 from klute_sim.api.diagnosis import DiagnosisResult
 from klute_sim.datasets import dataset as datasets
 from klute_sim.device.device import load_device, parse_device
+from klute_sim.diagnosis.discrepancy.sparse_regression import find_supports, fit_discrepancy_term, format_formula
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.localization.equation_residuals import EquationResidual, compute_equation_residuals
 from klute_sim.diagnosis.noise import repeats as noises
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
-from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms
-from klute_sim.diagnosis.selection.sparse_regression import find_supports, fit_discrepancy_term, format_formula
 from klute_sim.diagnosis.verdict import verdict_to_dict
 from klute_sim.diagnosis.workflow import diagnose, fit_base_device
 from klute_sim.effects import catalogue

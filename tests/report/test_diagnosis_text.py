@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.localization.equation_residuals import EquationResidual
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.selection.equation_residuals import EquationResidual
 from klute_sim.report.diagnosis import text as words
 
 

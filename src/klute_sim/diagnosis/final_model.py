@@ -5,23 +5,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
-from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
-from klute_sim.diagnosis.imperfect_law import ImperfectLawDecision, compute_jackknife_intervals
-from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
-from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
-from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, compute_equation_residuals
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.free_term import (
+from klute_sim.diagnosis.discrepancy.free_term import (
     DECISIVE_MARGIN,
     compute_bic_difference,
     describe_coincidence,
     find_decisive_term,
     find_free_model,
 )
-from klute_sim.diagnosis.selection.imitation import compare_with_free_models
+from klute_sim.diagnosis.discrepancy.imitation import compare_with_free_models
+from klute_sim.diagnosis.discrepancy.sparse_regression import fit_discrepancy_term
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.imperfect_law import ImperfectLawDecision, compute_jackknife_intervals
+from klute_sim.diagnosis.localization.equation_residuals import EquationResidual, compute_equation_residuals
+from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
+from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_term_without_effect, find_terms_at_bound
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
@@ -32,7 +33,6 @@ from klute_sim.diagnosis.selection.robustness import (
     find_equivalent_models,
     find_smaller_model,
 )
-from klute_sim.diagnosis.selection.sparse_regression import fit_discrepancy_term
 from klute_sim.types import ProgressCallback
 
 

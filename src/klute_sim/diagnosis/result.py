@@ -12,13 +12,13 @@ from klute_sim.device.device import Device
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.localization.equation_residuals import EquationResidual
+from klute_sim.diagnosis.localization.misfit_map import MapCell
+from klute_sim.diagnosis.localization.misfit_regions import MisfitRegion
 from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.planning.direct_measurements import DirectMeasurement
-from klute_sim.diagnosis.selection.equation_residuals import EquationResidual
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, SelectionStep
-from klute_sim.diagnosis.selection.localization import MisfitRegion
-from klute_sim.diagnosis.selection.misfit_map import MapCell
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.robustness import EquivalentModel
 

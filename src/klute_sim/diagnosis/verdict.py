@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from klute_sim.diagnosis.discrepancy.sparse_regression import format_formula
 from klute_sim.diagnosis.evidence import collect_evidence
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.least_squares import Fit
@@ -13,7 +14,6 @@ from klute_sim.diagnosis.probability import Probabilities, estimate_probabilitie
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
-from klute_sim.diagnosis.selection.sparse_regression import format_formula
 from klute_sim.diagnosis.transfer import TransferPrediction, summarize_predictions
 from klute_sim.effects.families import instrument
 

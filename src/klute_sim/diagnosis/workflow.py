@@ -36,6 +36,8 @@ from klute_sim.diagnosis.imperfect_law import (
     find_complete_model,
     select_by_prediction,
 )
+from klute_sim.diagnosis.localization.misfit_map import map_misfit
+from klute_sim.diagnosis.localization.misfit_regions import locate_misfit
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.p_value import compute_p_value
@@ -47,8 +49,6 @@ from klute_sim.diagnosis.planning.proposals import propose_experiment
 from klute_sim.diagnosis.recording_faults import suspect_absolute_pressures
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.localization import locate_misfit
-from klute_sim.diagnosis.selection.misfit_map import map_misfit
 from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms
 from klute_sim.types import ProgressCallback
 

@@ -1,9 +1,9 @@
 """Discrepancy terms: data-driven functions that an equation of the device lacks.
 
 When no named effect explains the data, a diagnosis estimates some of these coefficients by sparse regression
-(:mod:`klute_sim.diagnosis.selection.sparse_regression`), and a device file stores them. The terms are not physics: they
-may create energy, and they do not extrapolate beyond the data of their fit. Every function is therefore bounded for any
-arguments.
+(:mod:`klute_sim.diagnosis.discrepancy.sparse_regression`), and a device file stores them. The terms are not physics:
+they may create energy, and they do not extrapolate beyond the data of their fit. Every function is therefore bounded
+for any arguments.
 """
 
 import math

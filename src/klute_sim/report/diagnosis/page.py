@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from klute_sim.datasets.channels import get_measured_units
+from klute_sim.diagnosis.discrepancy.sparse_regression import format_formula
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
@@ -13,7 +14,6 @@ from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS, estimate_misfi
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import MAX_EFFECTS
-from klute_sim.diagnosis.selection.sparse_regression import format_formula
 from klute_sim.diagnosis.transfer import TransferPrediction
 from klute_sim.effects import catalogue
 from klute_sim.provenance import collect_versions

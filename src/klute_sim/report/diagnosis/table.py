@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 from rich.table import Table
 
+from klute_sim.diagnosis.discrepancy.sparse_regression import format_formula
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.selection.sparse_regression import format_formula
 from klute_sim.report.diagnosis import text
 from klute_sim.terminal_table import create_table
 

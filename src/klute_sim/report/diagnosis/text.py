@@ -11,9 +11,9 @@ from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
+from klute_sim.diagnosis.localization.equation_residuals import EQUATION_UNITS, select_significant_equations
 from klute_sim.diagnosis.probability import estimate_probabilities
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.selection.equation_residuals import EQUATION_UNITS, select_significant_equations
 from klute_sim.effects import catalogue
 from klute_sim.plant.mjcf.model_numbers import PREFIX
 

@@ -1,10 +1,11 @@
 """Sparse regression of a data-driven term for the equation with a misfit that no effect explains.
 
-:mod:`klute_sim.diagnosis.selection.equation_residuals` identifies the equation. Its misfit is written as a combination
-of library functions (:mod:`klute_sim.effects.families.discrepancy_terms`). All functions are first fitted together in
-simulation. The problem is nearly linear there, and backward elimination removes the least important function one after
-the other. No measured signal is differentiated, and every channel is weighted by its noise. The remaining functions are
-refitted together with all other parameters, and the term must pass the acceptance tests of an effect.
+:mod:`klute_sim.diagnosis.localization.equation_residuals` identifies the equation. Its misfit is written as a
+combination of library functions (:mod:`klute_sim.effects.families.discrepancy_terms`). All functions are first fitted
+together in simulation. The problem is nearly linear there, and backward elimination removes the least important
+function one after the other. No measured signal is differentiated, and every channel is weighted by its noise. The
+remaining functions are refitted together with all other parameters, and the term must pass the acceptance tests of an
+effect.
 """
 
 from collections.abc import Collection, Sequence
@@ -14,7 +15,7 @@ import numpy as np
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
-from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, select_significant_equations
+from klute_sim.diagnosis.localization.equation_residuals import EquationResidual, select_significant_equations
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, REFIT_MAX_NFEV, ForwardSelection
 from klute_sim.effects.effect import Effect
 from klute_sim.effects.families import discrepancy_formulas, discrepancy_terms, joint_terms

@@ -5,8 +5,8 @@ with the *measured* pressure, force and length, so that the misfit of one equati
 supply's equation is evaluated with the command. The same is done with channels simulated under the measured pressure,
 and the difference removes the influence of smoothing and sampling. The device is that of the final fit without the
 added effects, so its own numbers are not biased by them. Instruments are assumed to be correct. The ankle of a walk is
-in :mod:`~klute_sim.diagnosis.selection.gait_equations`, joints and devices of a mechanism are in
-:mod:`~klute_sim.diagnosis.selection.joint_equations`.
+in :mod:`~klute_sim.diagnosis.localization.gait_equations`, joints and devices of a mechanism are in
+:mod:`~klute_sim.diagnosis.localization.joint_equations`.
 """
 
 from collections.abc import Sequence
@@ -23,15 +23,15 @@ from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.simulator import simulate_extrapolated
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
-from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
-from klute_sim.diagnosis.selection.device_equations import compute_force_residuals, find_unlimited_samples
-from klute_sim.diagnosis.selection.gait_equations import compute_walk_residual_series
-from klute_sim.diagnosis.selection.joint_equations import (
+from klute_sim.diagnosis.localization.device_equations import compute_force_residuals, find_unlimited_samples
+from klute_sim.diagnosis.localization.gait_equations import compute_walk_residual_series
+from klute_sim.diagnosis.localization.joint_equations import (
     compute_mechanism_residual_series,
     list_mechanism_equations,
     name_equation,
 )
+from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
+from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.effects import catalogue
 from klute_sim.laws.pneumatics import SupplyParameters
 from klute_sim.types import Array

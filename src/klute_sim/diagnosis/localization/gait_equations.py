@@ -3,7 +3,7 @@
 The net moment of tendon, return spring, bumper, damping, weight and ground reaction turns the foot
 (:mod:`klute_sim.laws.foot`). Evaluated with the *measured* tension and angle, it does not contain the misfit of muscle,
 damper and tendon, and these do not contain that of the ankle
-(:mod:`~klute_sim.diagnosis.selection.equation_residuals`). Friction and end stops of the device are contained in the
+(:mod:`~klute_sim.diagnosis.localization.equation_residuals`). Friction and end stops of the device are contained in the
 residuals of measured and simulated channels alike, and cancel in their difference.
 """
 
@@ -19,7 +19,7 @@ from klute_sim.diagnosis.experiments.base import SimulationSetup
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.registration import Registration, correct_inputs
 from klute_sim.diagnosis.experiments.simulator import simulate_extrapolated
-from klute_sim.diagnosis.selection.device_equations import (
+from klute_sim.diagnosis.localization.device_equations import (
     compute_force_residuals,
     count_smoothed_samples,
     find_unlimited_samples,

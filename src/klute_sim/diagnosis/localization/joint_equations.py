@@ -19,7 +19,7 @@ from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.base import DeviceResponse, SimulationSetup
 from klute_sim.diagnosis.experiments.mechanism import MOTION_QUANTITIES, PRESSURE_QUANTITIES, MechanismExperiment
-from klute_sim.diagnosis.selection.device_equations import find_unlimited_samples
+from klute_sim.diagnosis.localization.device_equations import find_unlimited_samples
 from klute_sim.errors import SimulationError
 from klute_sim.mechanism import drives
 from klute_sim.mechanism.assembly import compute_unit_lengths

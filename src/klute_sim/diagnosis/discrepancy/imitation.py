@@ -2,7 +2,7 @@
 
 Where no model reaches the noise, a large share of the error does not prove a name: effects that resemble a missing
 one take a large share, too. A data-driven term represents any missing effect, as in
-:mod:`klute_sim.diagnosis.selection.free_term` where models reach the noise. The names must predict nearly as well as
+:mod:`klute_sim.diagnosis.discrepancy.free_term` where models reach the noise. The names must predict nearly as well as
 such a term *of the same size*, because a longer formula also describes the error of the law. They may be completed by
 functions of that term: names that are a part of the truth remain then, and imitations do not.
 
@@ -16,13 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from klute_sim.diagnosis.discrepancy.free_term import name_place
+from klute_sim.diagnosis.discrepancy.sparse_regression import find_supports, format_formula, list_discrepancy_terms
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.bounds import simplify_terms
-from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.free_term import name_place
 from klute_sim.diagnosis.selection.predictive_model import (
     MIN_TERM_SHARE,
     PredictiveModel,
@@ -34,7 +35,6 @@ from klute_sim.diagnosis.selection.predictive_selection import (
     MAX_RIVAL_RATIO,
     PredictiveSelection,
 )
-from klute_sim.diagnosis.selection.sparse_regression import find_supports, format_formula, list_discrepancy_terms
 from klute_sim.types import Array
 
 MAX_REMAINING_FRACTION = 0.5

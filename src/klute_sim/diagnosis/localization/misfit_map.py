@@ -1,7 +1,7 @@
 """Map of the misfit: how far each channel is off in each of a few conditions that are the same for all data.
 
-:mod:`klute_sim.diagnosis.selection.localization` searches the one region that holds most of a misfit; this map tells
-for every condition whether the simulation is right there.
+:mod:`klute_sim.diagnosis.localization.misfit_regions` searches the one region that holds most of a misfit; this map
+tells for every condition whether the simulation is right there.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.localization.misfit_regions import MAX_STEADY_PRESSURE_RATE, sample_conditions
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import AlignedRepeats
-from klute_sim.diagnosis.selection.localization import MAX_STEADY_PRESSURE_RATE, sample_conditions
 from klute_sim.types import Array, Mask
 
 MAX_HELD_SPEED_FRACTION = 0.02
