@@ -145,6 +145,14 @@ def test_equivalent_models_are_listed_with_their_bic_difference(diagnosis: Diagn
     fit = indistinguishable.equivalent_models[0].fit
     html, name = page.render_page(indistinguishable, {}), words.format_term(fit.hypothesis.terms[-1])
     assert f"{name} would explain the data equally well" in words.describe_verdict(indistinguishable)
+    (model,) = indistinguishable.equivalent_models
+    term = EffectTerm("unknown_force", "sparse")
+    free = model._replace(fit=replace(fit, hypothesis=replace(fit.hypothesis, terms=(term,))))
+    sentence = words.describe_verdict(replace(indistinguishable, equivalent_models=[model, free]))
+    assert sentence.endswith(
+        f"; {name} would explain the data equally well; or an effect is missing that is not in the catalogue, and a "
+        "data-driven term represents it."
+    )
     row = rows_of(html, "equivalent-models")[1]
     assert row[:3] == [name, "braid hysteresis (Coulomb)", "worse by 2.2"]
     assert words.format_number(fit.values[-1]) in row[3]

@@ -145,14 +145,24 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
             "does not explain, and the rest is unexplained"
         )
     if diagnosis.verdict == "indistinguishable":
-        alternatives = list(
-            dict.fromkeys(
-                join_words([format_term(t) for t in model.fit.hypothesis.terms if t not in diagnosis.added_terms])
-                for model in diagnosis.equivalent_models
-            )
-        )
-        sentence += f"; {join_words(alternatives, 'or')} would explain the data equally well"
+        sentence += _describe_alternatives(diagnosis)
     return f"{sentence[0].upper()}{sentence[1:]}."
+
+
+def _describe_alternatives(diagnosis: Diagnosis) -> str:
+    """Return the clauses about other names and about a data-driven term in place of the names."""
+    sets = [
+        [term for term in model.fit.hypothesis.terms if term not in diagnosis.added_terms]
+        for model in diagnosis.equivalent_models
+    ]
+    is_free = [any(term.effect_definition.data_driven for term in terms) for terms in sets]
+    names = dict.fromkeys(
+        join_words([format_term(t) for t in terms]) for terms, free in zip(sets, is_free, strict=True) if not free
+    )
+    clauses = f"; {join_words(list(names), 'or')} would explain the data equally well" if names else ""
+    if any(is_free):
+        clauses += "; or an effect is missing that is not in the catalogue, and a data-driven term represents it"
+    return clauses
 
 
 def _describe_insufficient_data(diagnosis: Diagnosis) -> str:
