@@ -9,6 +9,7 @@ import pytest
 from klute_sim.diagnosis import final_model
 from klute_sim.diagnosis.discrepancy import free_term
 from klute_sim.diagnosis.discrepancy.free_term import (
+    contains_names,
     find_complete_term,
     find_decisive_term,
     find_free_model,
@@ -61,6 +62,8 @@ def test_true_name_is_not_beaten_and_an_imitation_is(tmp_path: Path, monkeypatch
         assert free_model is not None
         assert free_model.bic_difference < -search.bic_threshold
         assert not search.has_misfit(free_model.fit)
+        assert contains_names(free_model.fit, named, [FRICTION])
+        assert not contains_names(free_model.fit, imitation, imitation.hypothesis.terms)
         assert find_free_model(search, base, imitation, ("unknown_force",)) is None
         # A term must not lose in any validation group, even where it gains in the mean.
         monkeypatch.setattr(search, "compute_validation_gains", lambda before, after: {"a": 0.5, "b": -0.1})

@@ -322,7 +322,7 @@ def test_socket_pistoning_is_visible_with_markers_on_the_limb_only(tmp_path: Pat
     data = datasets.load_dataset(synthetic_gait_dataset.write_dataset(tmp_path / "data", effects=effects, limb=limb))
     result = diagnose(data)
     assert result.verdict == ("identified" if limb else "nothing-missing")
-    assert list_terms(result) == (["socket_pistoning"] if limb else [])
+    assert list_terms(result) == (["socket_pistoning (axial)"] if limb else [])
     if limb:
         assert result.final_fit is not None
         assert result.final_fit.values[-1] == pytest.approx(20.0 + 10.0, rel=0.05)

@@ -125,7 +125,8 @@ def select_decisive_term(
     reason = "A data-driven term in one equation explains the data to the noise, and no effects of the catalogue do"
     if decisive.named_fit is None:
         reason += ": the missing effect is not in the catalogue."
-        return _replace_names(search, base_fit, decisive.fit, [reason], options)
+        reasons = [reason, *_describe_misfit(search, final_fit)]
+        return _replace_names(search, base_fit, decisive.fit, reasons, options)
     named_fit = decisive.named_fit
     share = (base_fit.chi2 - named_fit.chi2) / (base_fit.chi2 - decisive.fit.chi2)
     reason += (

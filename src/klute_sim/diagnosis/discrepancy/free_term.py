@@ -8,6 +8,8 @@ misfit represents any such effect. Names stand if the term is not better. Where 
 from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
+import numpy as np
+
 from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
 from klute_sim.diagnosis.discrepancy.sparse_regression import fit_free_term
@@ -32,6 +34,9 @@ MIN_NAMED_SHARE = 0.6
 """Share of the fall of chi squared with the term, from which on names are listed beside it (assumed: as where the law
 is imperfect, :mod:`klute_sim.diagnosis.selection.predictive_selection`)."""
 
+MIN_CONTAINED_SHARE = 0.99
+"""Share of a name's squared sensitivity that the functions of a term explain, from which on the term contains the name
+(assumed; it is 1 where a function is the law of the name, such as Coulomb friction)."""
 MIN_COINCIDENT_KINDS = 3
 """Number of kinds of causes (number, instrument, device, mechanism, body) that a fit alone cannot prove at once
 (assumed: three independent faults in three places are rarer than one effect outside the catalogue)."""
@@ -59,8 +64,8 @@ def find_free_model(
     """Return ``base_fit`` with a data-driven term in place of the names of ``named_fit``, if it is as good.
 
     Its repeats show no misfit, its BIC is lower by more than the threshold (not higher by more than the threshold where
-    the names are in several places), and it predicts every validation group as well. ``exclude`` names effects that are
-    not candidates.
+    the names are in several places), and it predicts every validation group as well. A term that contains the names
+    does not refuse them. ``exclude`` names effects that are not candidates.
     """
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if not names:
@@ -71,9 +76,27 @@ def find_free_model(
     bic_difference = compute_bic_difference(search, free_fit, named_fit)
     if bic_difference > (search.bic_threshold if len(list_kinds(names)) > 1 else -search.bic_threshold):
         return None
-    if not predicts_as_well(search, free_fit, named_fit):
+    if contains_names(free_fit, named_fit, names) or not predicts_as_well(search, free_fit, named_fit):
         return None
     return EquivalentModel(free_fit, names[-1], bic_difference)
+
+
+def contains_names(free_fit: Fit, named_fit: Fit, names: Iterable[EffectTerm]) -> bool:
+    """Return whether the data-driven term of ``free_fit`` is ``names`` and something more.
+
+    The sizes of all names then change the readings as a combination of the functions of the term does: of the squared
+    sensitivities, the functions explain at least :data:`MIN_CONTAINED_SHARE`.
+    """
+    functions = free_fit.jacobian[:, _find_columns(free_fit, free_fit.hypothesis.terms[-1:])]
+    sizes = named_fit.jacobian[:, _find_columns(named_fit, names)]
+    remainder = sizes - functions @ np.linalg.lstsq(functions, sizes)[0]
+    return bool(np.all((remainder**2).sum(axis=0) <= (1.0 - MIN_CONTAINED_SHARE) * (sizes**2).sum(axis=0)))
+
+
+def _find_columns(fit: Fit, terms: Iterable[EffectTerm]) -> list[int]:
+    """Return the indices of the sizes of ``terms`` among the parameters of ``fit``; shapes are left out."""
+    indices = {fit.hypothesis.terms.index(term) for term in terms}
+    return [k for k, p in enumerate(fit.hypothesis.parameters) if p.term_index in indices and not p.is_logarithmic]
 
 
 def list_kinds(names: Iterable[EffectTerm]) -> list[str]:
