@@ -89,6 +89,8 @@ def select_complete_model(
         return _refuse_names(search, base_fit, final_fit, free_model, options)
     equivalent_models += [free_model] if free_model else []
     verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
+    if verdict == "unexplained":  # proxies have no alternatives
+        equivalent_models = []
     if verdict in ("identified", "indistinguishable") and find_terms_at_bound(final_fit):
         return None
     return FinalModel(
