@@ -13,14 +13,14 @@ from klute_sim.diagnosis.discrepancy.free_term import (
     find_complete_term,
     find_decisive_term,
     find_free_model,
-    list_kinds,
-    name_place,
+    locate_term,
 )
 from klute_sim.diagnosis.discrepancy.sparse_regression import _eliminate_functions
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, SelectionStep
+from klute_sim.diagnosis.selection.naming import list_kinds
 from klute_sim.diagnosis.selection.screening import screen_candidates
 from tests.diagnosis.test_predictive_selection import make_fit
 from tests.diagnosis.test_sparse_regression import create_search
@@ -82,23 +82,24 @@ def test_term_that_alone_reaches_the_noise_stands_beside_names_elsewhere(
         assert search.has_misfit(named)
         assert find_complete_term(search, base) is not None
         assert find_decisive_term(search, base, named) is None  # in the same equation, names may be a part of the term
-        monkeypatch.setattr(free_term, "name_place", lambda term: term.effect)
+        monkeypatch.setattr(free_term, "locate_term", lambda term: term.effect)
         decisive = find_decisive_term(search, base, named)
         assert decisive is not None
-        assert not search.has_misfit(decisive.fit)
+        assert not search.has_misfit(decisive.complete.fit)
+        assert decisive.complete.equation.startswith("muscle")
         assert decisive.named_fit is not None
         assert decisive.named_fit.hypothesis.terms == (FRICTION,)
-        assert [rival.fit.hypothesis.terms[-1] for rival in decisive.rivals] in ([], [SEAL])
+        assert [rival.fit.hypothesis.terms[-1] for rival in decisive.rivals] == [SEAL]
         assert find_decisive_term(search, base, named, ("unknown_force",)) is None
-        assert find_decisive_term(search, base, decisive.fit) is None  # the names are as good
+        assert find_decisive_term(search, base, decisive.complete.fit) is None  # the names are as good
 
 
 def test_places_and_kinds_of_causes() -> None:
     gain, valve = EffectTerm("sensor_gain", "linear", "force"), EffectTerm("choked_valve", "symmetric")
     radius = EffectTerm("number_error", "value", number="muscle.bladder_radius_mm")
     inertia = EffectTerm("number_error", "value", number="model.geom.load.mass")
-    assert [name_place(term) for term in (gain, valve, FRICTION)] == ["instrument", "supply", "device"]
-    assert [name_place(term) for term in (radius, inertia)] == ["device", "mechanism"]
+    assert [locate_term(term) for term in (gain, valve, FRICTION)] == ["instrument", "supply", "device"]
+    assert [locate_term(term) for term in (radius, inertia)] == ["device", "mechanism"]
     assert list_kinds([gain, FRICTION, SEAL, radius]) == ["device", "instrument", "number"]
 
 

@@ -79,7 +79,7 @@ def test_true_name_stands(with_friction: tuple[ForwardSelection, Fit]) -> None:
 def test_term_elsewhere_that_predicts_as_well_is_a_rival(
     with_friction: tuple[ForwardSelection, Fit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(imitation, "name_place", lambda term: term.effect)
+    monkeypatch.setattr(imitation, "locate_term", lambda term: term.effect)
     search, base = with_friction
     better, rival = judge(search, base, add_terms(search, base, BRAID_FRICTION))
     assert better is None

@@ -260,7 +260,7 @@ def test_page_and_terminal_mark_the_data_driven_term(unexplained: Diagnosis) -> 
     printed = " ".join(str(DiagnosisResult(unexplained)).split())
     assert sentence in printed
     assert f"Data-driven term: {formula}" in printed
-    assert any(reason.startswith("A data-driven term in") for reason in unexplained.reasons)
+    assert any(reason.startswith("A data-driven term in the equation of") for reason in unexplained.reasons)
 
 
 @pytest.mark.long

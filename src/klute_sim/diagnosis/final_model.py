@@ -8,7 +8,6 @@ import numpy as np
 from klute_sim.diagnosis.discrepancy.free_term import (
     DECISIVE_MARGIN,
     compute_bic_difference,
-    describe_coincidence,
     find_decisive_term,
     find_free_model,
 )
@@ -23,7 +22,12 @@ from klute_sim.diagnosis.localization.equation_residuals import EquationResidual
 from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
 from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_term_without_effect, find_terms_at_bound
+from klute_sim.diagnosis.selection.naming import (
+    describe_coincidence,
+    find_naming_obstacle,
+    find_term_without_effect,
+    find_terms_at_bound,
+)
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.diagnosis.selection.robustness import (
@@ -124,19 +128,23 @@ def select_decisive_term(
     decisive = find_decisive_term(search, base_fit, final_fit, options.exclude)
     if decisive is None:
         return None
-    reason = "A data-driven term in one equation explains the data to the noise, and no effects of the catalogue do"
+    free_fit, equation = decisive.complete
+    reason = (
+        f"A data-driven term in the equation of {equation} explains the data to the noise, and no effects of the "
+        "catalogue do"
+    )
     if decisive.named_fit is None:
         reason += ": the missing effect is not in the catalogue."
         reasons = [reason, *_describe_misfit(search, final_fit)]
-        return _replace_names(search, base_fit, decisive.fit, reasons, options)
+        return _replace_names(search, base_fit, free_fit, reasons, options)
     named_fit = decisive.named_fit
-    share = (base_fit.chi2 - named_fit.chi2) / (base_fit.chi2 - decisive.fit.chi2)
+    share = (base_fit.chi2 - named_fit.chi2) / (base_fit.chi2 - free_fit.chi2)
     reason += (
         f". {_list_names(base_fit, named_fit)} takes {100.0 * share:.0f} % of what the term explains, from elsewhere: "
         "either this is missing in another form, or the missing effect is not in the catalogue and resembles it."
     )
     free_model = EquivalentModel(
-        decisive.fit, named_fit.hypothesis.terms[-1], compute_bic_difference(search, decisive.fit, named_fit)
+        free_fit, named_fit.hypothesis.terms[-1], compute_bic_difference(search, free_fit, named_fit)
     )
     return FinalModel(
         "indistinguishable",
@@ -238,8 +246,8 @@ def select_imperfect_model(
     reasons = decision.reasons
     if free_rival is not None and free_rival.fit is not None:
         reason = (
-            f"A data-driven term of the same size {free_rival.description} would predict as well, from elsewhere: the "
-            "missing effect may be there, and in no catalogue."
+            f"A data-driven term no larger than the names {free_rival.description} would predict as well, from "
+            "elsewhere: the missing effect may be there, and in no catalogue."
         )
         reasons = [*reasons, reason]
         difference = free_rival.error - result.chosen.error

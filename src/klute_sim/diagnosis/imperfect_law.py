@@ -10,13 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as student_t
 
-from klute_sim.diagnosis.discrepancy.free_term import describe_coincidence
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle
+from klute_sim.diagnosis.selection.naming import describe_coincidence, find_naming_obstacle
 from klute_sim.diagnosis.selection.predictive_model import MIN_STABILITY, PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import (
     MAX_RIVAL_RATIO,

@@ -1,8 +1,9 @@
 """Margin of names over a free term: whether an unknown effect would explain the data as well as the named ones.
 
 Several effects of the catalogue together can imitate one that is not in it. A data-driven term at the equation with the
-misfit represents any such effect. Names stand if the term is not better. Where the names are in several places at once
+misfit represents any such effect. Names stand if the term is not better. Where the names are of several kinds at once
 (the device, an instrument, a wrong number), which is a coincidence, an equally good term makes them indistinguishable.
+Where names leave a misfit and a term elsewhere leaves none, the term decides.
 """
 
 from collections.abc import Collection, Iterable
@@ -18,7 +19,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.bounds import refine_names
 from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection, SelectionStep
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle, list_kinds
 from klute_sim.diagnosis.selection.pair_screening import has_complete_pair
 from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
 from klute_sim.diagnosis.selection.robustness import MAX_GAIN_LAG_FRACTION, EquivalentModel
@@ -33,23 +34,30 @@ linearisation underestimates the gain of frictions by almost as much)."""
 MIN_NAMED_SHARE = 0.6
 """Share of the fall of chi squared with the term, from which on names are listed beside it (assumed: as where the law
 is imperfect, :mod:`klute_sim.diagnosis.selection.predictive_selection`)."""
-
 MIN_CONTAINED_SHARE = 0.99
 """Share of a name's squared sensitivity that the functions of a term explain, from which on the term contains the name
 (assumed; it is 1 where a function is the law of the name, such as Coulomb friction)."""
-MIN_COINCIDENT_KINDS = 3
-"""Number of kinds of causes (number, instrument, device, mechanism, body) that a fit alone cannot prove at once
-(assumed: three independent faults in three places are rarer than one effect outside the catalogue)."""
 
 
-def find_complete_term(search: ForwardSelection, base_fit: Fit, exclude: Collection[str] = ()) -> Fit | None:
-    """Return ``base_fit`` with a data-driven term in one equation with which repeats show no misfit; None without one.
+class CompleteTerm(NamedTuple):
+    """A data-driven term with which repeats show no misfit."""
+
+    fit: Fit
+    """Fit of the term without added effects."""
+    equation: str
+    """Name of the equation that the term belongs to."""
+
+
+def find_complete_term(search: ForwardSelection, base_fit: Fit, exclude: Collection[str] = ()) -> CompleteTerm | None:
+    """Return a data-driven term in one equation that is added to ``base_fit`` and leaves no misfit; None without one.
 
     ``exclude`` names effects that are not candidates.
     """
     residuals = compute_equation_residuals(search.data, base_fit)
-    fit = fit_free_term(search, base_fit, residuals, exclude, max_supports=1).fit
-    return None if fit is None or search.has_misfit(fit) else fit
+    fitted = fit_free_term(search, base_fit, residuals, exclude, max_supports=1)
+    if fitted.fit is None or search.has_misfit(fitted.fit):
+        return None
+    return CompleteTerm(fitted.fit, fitted.equation)
 
 
 def predicts_as_well(search: ForwardSelection, free_fit: Fit, named_fit: Fit) -> bool:
@@ -64,15 +72,16 @@ def find_free_model(
     """Return ``base_fit`` with a data-driven term in place of the names of ``named_fit``, if it is as good.
 
     Its repeats show no misfit, its BIC is lower by more than the threshold (not higher by more than the threshold where
-    the names are in several places), and it predicts every validation group as well. A term that contains the names
+    the names are of several kinds), and it predicts every validation group as well. A term that contains the names
     does not refuse them. ``exclude`` names effects that are not candidates.
     """
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if not names:
         return None
-    free_fit = find_complete_term(search, base_fit, exclude)
-    if free_fit is None:
+    complete = find_complete_term(search, base_fit, exclude)
+    if complete is None:
         return None
+    free_fit = complete.fit
     bic_difference = compute_bic_difference(search, free_fit, named_fit)
     if bic_difference > (search.bic_threshold if len(list_kinds(names)) > 1 else -search.bic_threshold):
         return None
@@ -99,29 +108,13 @@ def _find_columns(fit: Fit, terms: Iterable[EffectTerm]) -> list[int]:
     return [k for k, p in enumerate(fit.hypothesis.parameters) if p.term_index in indices and not p.is_logarithmic]
 
 
-def list_kinds(names: Iterable[EffectTerm]) -> list[str]:
-    """Return the kinds of causes among ``names``: a number, or an effect of device, mechanism, body or instrument."""
-    return sorted({"number" if term.number else term.effect_definition.kind for term in names})
-
-
-def describe_coincidence(names: Iterable[EffectTerm]) -> str:
-    """Return why ``names`` of :data:`MIN_COINCIDENT_KINDS` kinds at once are not named; '' for fewer kinds."""
-    kinds = list_kinds(names)
-    if len(kinds) < MIN_COINCIDENT_KINDS:
-        return ""
-    return (
-        f"The names are of {len(kinds)} kinds at once ({', '.join(kinds)}). Each may fill up what the others leave of "
-        "one missing effect, so they are proxies; measure one of them alone."
-    )
-
-
 def compute_bic_difference(search: ForwardSelection, free_fit: Fit, named_fit: Fit) -> float:
     """Return the BIC of ``free_fit`` minus that of ``named_fit``."""
     n = search.data.n_effective
     return free_fit.bic(n) - named_fit.bic(n)
 
 
-def name_place(term: EffectTerm) -> str:
+def locate_term(term: EffectTerm) -> str:
     """Return the part that ``term`` is in: the supply, a device, the mechanism, the body or an instrument."""
     if term.number and is_model_number(term.number):
         return "mechanism"
@@ -134,8 +127,8 @@ def name_place(term: EffectTerm) -> str:
 class DecisiveTerm(NamedTuple):
     """A data-driven term that explains the data to the noise where no names do, and the names that come nearest."""
 
-    fit: Fit
-    """Fit of the term."""
+    complete: CompleteTerm
+    """The term."""
     named_fit: Fit | None
     """Fit of the names that take most of what the term explains; None if there are none."""
     rivals: list[EquivalentModel]
@@ -157,9 +150,12 @@ def find_decisive_term(
     functions. A name that takes less than :data:`MIN_TERM_SHARE` of it only fills up what the others leave. ``exclude``
     names effects that are not candidates.
     """
-    free_fit = find_complete_term(search, base_fit, exclude)
+    complete = find_complete_term(search, base_fit, exclude)
+    if complete is None:
+        return None
+    free_fit = complete.fit
     max_difference = -DECISIVE_MARGIN * search.bic_threshold
-    if free_fit is None or compute_bic_difference(search, free_fit, named_fit) > max_difference:
+    if compute_bic_difference(search, free_fit, named_fit) > max_difference:
         return None
     if not predicts_as_well(search, free_fit, named_fit):
         return None
@@ -172,16 +168,16 @@ def find_decisive_term(
         named_fit, last_step = step.refits[0], step
     is_named = last_step is not None and base_fit.chi2 - named_fit.chi2 >= MIN_NAMED_SHARE * gain
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
-    if is_named and {name_place(term) for term in names} == {name_place(free_term)}:
+    if is_named and {locate_term(term) for term in names} == {locate_term(free_term)}:
         return None
     if has_complete_pair(search, base_fit, MIN_PAIR_GAIN_FRACTION * gain):
         return None
     if last_step is None or not is_named:
-        return DecisiveTerm(free_fit, None, [])
+        return DecisiveTerm(complete, None, [])
     named_fit = refine_names(search.data, named_fit)
     if base_fit.chi2 - named_fit.chi2 < MIN_NAMED_SHARE * gain or find_naming_obstacle(search.data, named_fit):
-        return DecisiveTerm(free_fit, None, [])
-    return DecisiveTerm(free_fit, named_fit, _list_rivals(search, last_step, base_fit, named_fit))
+        return DecisiveTerm(complete, None, [])
+    return DecisiveTerm(complete, named_fit, _list_rivals(search, last_step, base_fit, named_fit))
 
 
 def _list_rivals(search: ForwardSelection, step: SelectionStep, base_fit: Fit, named_fit: Fit) -> list[EquivalentModel]:

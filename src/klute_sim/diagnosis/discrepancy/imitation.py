@@ -4,7 +4,8 @@ Where no model reaches the noise, a large share of the error does not prove a na
 one take a large share, too. A data-driven term represents any missing effect, as in
 :mod:`klute_sim.diagnosis.discrepancy.free_term` where models reach the noise. The names must predict nearly as well as
 such a term *of the same size*, because a longer formula also describes the error of the law. They may be completed by
-functions of that term: names that are a part of the truth remain then, and imitations do not.
+functions of that term: names that are a part of the truth remain then, and imitations do not. A term elsewhere that is
+no larger than the names and predicts as well cannot be told from them.
 
 Two kinds of terms are tried: functions in the equation with the misfit, and linear functions of the channels in the
 reading of one instrument (a load cell that responds to the pressure).
@@ -16,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnosis.discrepancy.free_term import name_place
+from klute_sim.diagnosis.discrepancy.free_term import locate_term
 from klute_sim.diagnosis.discrepancy.sparse_regression import find_supports, format_formula, list_discrepancy_terms
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
@@ -43,7 +44,7 @@ MAX_REMAINING_FRACTION = 0.5
 
 
 class FreeModel(NamedTuple):
-    """A data-driven term that predicts better than names."""
+    """A data-driven term beside names."""
 
     description: str
     """Where the term is, and its formula."""
@@ -102,7 +103,7 @@ def compare_with_free_models(
         models = list(_extend(selection, result.base.fit, library))
         if not models:  # no function has an influence
             continue
-        if name_place(library) not in {name_place(term) for term in names}:
+        if locate_term(library) not in {locate_term(term) for term in names}:
             small = [model for model in models if len(model.terms[-1].parameter_keys) <= len(names)]
             rivals += [_describe(model) for model in small if _predicts_as_well(model, result.chosen)]
         best_model = min(models, key=lambda model: model.error)

@@ -1,7 +1,7 @@
-"""Obstacles to a name: a parameter at its bound, a part or an instrument that does not exist, too short a delay."""
+"""Obstacles to a name: a parameter at its bound, an impossible part or instrument, a short delay, a coincidence."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -24,6 +24,10 @@ IMPLAUSIBLE_REASON = "would be further off than instruments are"
 """Reason why a large error of an instrument is not named."""
 MAX_INSTRUMENT_LAG_S = 0.1
 """Largest plausible time constant of an instrument [s] (assumed: a filter of 1.6 Hz)."""
+
+MIN_COINCIDENT_KINDS = 3
+"""Number of kinds of causes (number, instrument, device, mechanism, body) that a fit alone cannot prove at once
+(assumed: three independent faults in three places are rarer than one effect outside the catalogue)."""
 
 
 def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
@@ -138,3 +142,19 @@ def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, valu
     if effect == instrument.SENSOR_LAG.name:
         return values[0] <= MAX_INSTRUMENT_LAG_S
     return True
+
+
+def list_kinds(names: Iterable[EffectTerm]) -> list[str]:
+    """Return the kinds of causes among ``names``: a number, or an effect of device, mechanism, body or instrument."""
+    return sorted({"number" if term.number else term.effect_definition.kind for term in names})
+
+
+def describe_coincidence(names: Iterable[EffectTerm]) -> str:
+    """Return why ``names`` of :data:`MIN_COINCIDENT_KINDS` kinds at once are not named; '' for fewer kinds."""
+    kinds = list_kinds(names)
+    if len(kinds) < MIN_COINCIDENT_KINDS:
+        return ""
+    return (
+        f"The names are of {len(kinds)} kinds at once ({', '.join(kinds)}). Each may fill up what the others leave of "
+        "one missing effect, so they are proxies; measure one of them alone."
+    )
