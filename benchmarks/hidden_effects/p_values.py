@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.hidden_effects.generate import make_dataset
 from benchmarks.hidden_effects.plan import HALF_SEEDS, DatasetSpec, plan_datasets
 from scipy.optimize import minimize
-from scipy.stats import binomtest, kstest, norm
+from scipy.stats import binomtest, kstest, t
 from threadpoolctl import threadpool_limits
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
@@ -57,8 +57,8 @@ def fit_null_distribution(datasets: Sequence[SharedMisfit]) -> tuple[tuple[float
 
     def compute_loss(x: np.ndarray) -> float:
         nulls = [compute_null_distribution(shared, (x[0], x[1]), x[2]) for shared in datasets]
-        mean, std = np.array(nulls).T
-        return -float(norm.logpdf(totals, mean, std).sum())
+        mean, std, degrees_of_freedom = np.array(nulls).T
+        return -float(t.logpdf(totals, degrees_of_freedom, mean, std).sum())
 
     load, motion, spread = minimize(compute_loss, [0.03, 0.1, 0.01], method="Nelder-Mead").x.tolist()
     return (load, motion), abs(spread)

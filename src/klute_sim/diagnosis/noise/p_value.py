@@ -6,8 +6,10 @@ clean datasets: an empirical null distribution (Efron 2004, *Journal of the Amer
 104).
 """
 
+from typing import NamedTuple
+
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import t
 
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.noise.repeat_products import SharedMisfit, measure_shared_misfit
@@ -16,6 +18,17 @@ IRRELEVANT_MEAN_SQUARES = (0.019, 0.101)
 """Mean squares of the irrelevant misfit in channels of loads and of motions, in variances of the noise."""
 IRRELEVANT_SPREAD = 0.022
 """Standard deviation of the mean square between datasets, in variances of the noise."""
+
+
+class NullDistribution(NamedTuple):
+    """Distribution of the sum of the products if no relevant misfit is left: Student's t, shifted and scaled."""
+
+    mean: float
+    """Mean of the sum."""
+    std: float
+    """Scale: the standard deviation as it was estimated."""
+    degrees_of_freedom: float
+    """Degrees of freedom of the estimate."""
 
 
 def compute_p_value(data: WeightedData, fit: Fit) -> float | None:
@@ -33,20 +46,27 @@ def convert_to_p_value(
     spread: float = IRRELEVANT_SPREAD,
 ) -> float:
     """Return the p-value of ``shared`` if the irrelevant misfit has these mean squares and this spread."""
-    mean, std = compute_null_distribution(shared, mean_squares, spread)
-    return float(norm.sf((shared.products.sum() - mean) / std))
+    null = compute_null_distribution(shared, mean_squares, spread)
+    return float(t.sf((shared.products.sum() - null.mean) / null.std, null.degrees_of_freedom))
 
 
 def compute_null_distribution(
     shared: SharedMisfit, mean_squares: tuple[float, float], spread: float
-) -> tuple[float, float]:
-    """Return mean and standard deviation of the sum of the products if no relevant misfit is left.
+) -> NullDistribution:
+    """Return the distribution of the sum of the products if no relevant misfit is left.
 
     The variance is that of the products about what the total makes of each, so that a misfit does not add to it. What
-    datasets differ in, and noise that outlasts the intervals, adds ``spread``.
+    datasets differ in, and noise that outlasts the intervals, adds ``spread``. Only the first part is estimated from
+    the few products of a dataset, so the tails are those of Student's t with the degrees of freedom of the sum
+    (Satterthwaite 1946, *Biometrics Bulletin* 2, 110 to 114).
     """
     total, n_products = shared.n_samples.sum(), len(shared.products)
     excess = shared.products - shared.n_samples @ np.array(mean_squares)
     scatter = excess - excess.sum() * shared.n_samples.sum(axis=1) / total
-    variance = n_products / (n_products - 1.0) * float(scatter @ scatter)
-    return float(shared.products.sum() - excess.sum()), float(np.hypot(np.sqrt(variance), spread * total))
+    sampling_variance = n_products / (n_products - 1.0) * float(scatter @ scatter)
+    variance = sampling_variance + (spread * total) ** 2
+    return NullDistribution(
+        mean=float(shared.products.sum() - excess.sum()),
+        std=float(np.sqrt(variance)),
+        degrees_of_freedom=(n_products - 1.0) * (variance / sampling_variance) ** 2,
+    )
