@@ -117,7 +117,8 @@ def make_dataset(
     noise = noise or Noise()
     device = load_device(device_file)
     bench = draw_bench(seed, device)
-    base, programs = {**bench.base, **list_numbers(numbers)}, bench.programs
+    wrong_numbers = list_numbers(numbers)
+    base, programs = {**bench.base, **wrong_numbers}, bench.programs
     is_required = any(fault["channel"] == "muscle_length" for fault in instruments)
     recorded_channels = ["force", "pressure"]
     if is_required or (bench.records_muscle_length if muscle_length is None else muscle_length):
@@ -128,10 +129,12 @@ def make_dataset(
     neutral = add_effects(*build_neutral_law(base), known)
     hidden = Hidden(effects, instruments, strangers)
     size = 0.0
-    if any("wanted" in effect for group in hidden for effect in group):
-        scale = EffectSizer(base, device, programs, recorded_channels, noise, known)
-        hidden = Hidden(*([scale.scale_effect(effect) for effect in group] for group in hidden))
-        size = scale.measure_size(hidden)
+    if wrong_numbers or any("wanted" in effect for group in hidden for effect in group):
+        sizer = EffectSizer(bench.base, device, programs, recorded_channels, noise, known)
+        hidden = Hidden(
+            *([sizer.scale_effect(effect) if "wanted" in effect else effect for effect in group] for group in hidden)
+        )
+        size = sizer.measure_size(hidden, wrong_numbers)
     specimens = assign_specimens(programs) if law_error is not None else {}
     tables: dict[str, dict[str, np.ndarray]] = {}
     trials, differences = [], {name: [] for name in recorded_channels}

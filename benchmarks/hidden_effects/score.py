@@ -75,8 +75,8 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     for an imperfect law without an effect, no effect was identified. Effects outside of the catalogue have to be
     *flagged*: no effect was identified, or a data-driven term is one of several sets. *twin*: a near twin was
     identified instead. *part*: only some of several effects were identified. *absorbed*: effects were not identified
-    because the uncertain device numbers, within their uncertainty, reproduce them. *wrong*: any other identified
-    effect.
+    because the uncertain device numbers, within their uncertainty, reproduce them, or wrong numbers were not because
+    their size is that small. *wrong*: any other identified effect.
 
     Where the truth lists what is ``present`` beside the hidden effects, these names count neither for nor against a
     verdict; without a hidden effect one of its sets has to consist of them alone, or nothing is identified.
@@ -84,7 +84,9 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     hidden, kind = list_hidden_effects(truth), verdict["verdict"]
     effect_sets = _list_sets_beside_present(truth, verdict)
     identified = effect_sets[0]
-    nothing_left = kind == "nothing-missing" and residual_over_noise(verdict) < MAX_ABSORBED_RESIDUAL
+    nothing_left = kind == "nothing-missing" and (
+        _has_only_faint_numbers(truth) or residual_over_noise(verdict) < MAX_ABSORBED_RESIDUAL
+    )
     if truth.get("defect"):
         return "false-alarm" if identified else "right"
     if not hidden and truth.get("law_error"):
@@ -114,6 +116,15 @@ def _list_sets_beside_present(truth: Truth, verdict: Verdict) -> list[list[str]]
     """Return all sets of effects of the verdict without the names that are present beside the hidden effects."""
     present = set(truth.get("present", ())) - set(list_hidden_effects(truth))
     return [[name for name in effect_set if name not in present] for effect_set in list_effect_sets(verdict)]
+
+
+def _has_only_faint_numbers(truth: Truth) -> bool:
+    """Return whether only wrong numbers are hidden, and leave almost nothing after the refit.
+
+    Logged inputs have errors, so that even the true device leaves more than that on test trials.
+    """
+    numbers = [format_effect(number) for number in truth.get("numbers", ())]
+    return bool(numbers) and numbers == list_hidden_effects(truth) and truth["size"] < MAX_ABSORBED_RESIDUAL
 
 
 def _lists_unknown_effect(verdict: Verdict) -> bool:

@@ -1,10 +1,11 @@
-"""Size of an effect in a dataset, and scaling of effects to a required size.
+"""Size of an effect or of wrong numbers in a dataset, and scaling of effects to a required size.
 
 The *size* is the residual of an effect after the uncertain numbers of the device have been refitted: RMS over the noise
 in the channel with the largest value. The numbers are refitted within their uncertainty and to all channels together.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,10 @@ class EffectSizer:
         noise: Noise,
         known_effects: Sequence[Effect] = (),
     ) -> None:
-        """Set up the device with the true numbers ``base``, the believed numbers ``nominal`` and ``known_effects``."""
+        """Set up the device with the numbers ``base``, the believed numbers ``nominal`` and ``known_effects``.
+
+        ``base`` has the true values of the uncertain numbers, and believed values of numbers that are wrong.
+        """
         self._programs, self._recorded_channels, self._noise = (
             [p for p in programs if p.use == "fit"],
             recorded_channels,
@@ -65,9 +69,9 @@ class EffectSizer:
         # A deviation of one standard deviation costs as much as a sample deviating by its noise.
         self._columns = np.concatenate([np.stack(columns, axis=1), np.eye(len(columns))])
 
-    def measure_size(self, hidden: Hidden) -> float:
-        """Return the size of all ``hidden`` effects together."""
-        residual = self.compute_residual(hidden)
+    def measure_size(self, hidden: Hidden, wrong_numbers: Mapping[str, float] = MappingProxyType({})) -> float:
+        """Return the size of all ``hidden`` effects and ``wrong_numbers`` (with their true values) together."""
+        residual = self.compute_residual(hidden, wrong_numbers)
         sizes = [float(np.sqrt(np.mean(row * row))) for row in residual.reshape(len(self._recorded_channels), -1)]
         for fault in hidden.instruments:
             if fault["name"] == "quantisation":  # for signals that cross many steps
@@ -75,11 +79,11 @@ class EffectSizer:
                 sizes.append(step / float(np.sqrt(12.0)))
         return max(sizes)
 
-    def compute_residual(self, hidden: Hidden) -> Floats:
-        """Return what ``hidden`` effects leave after the refit, over the noise: (channels x samples,), channel by
-        channel.
+    def compute_residual(self, hidden: Hidden, wrong_numbers: Mapping[str, float] = MappingProxyType({})) -> Floats:
+        """Return what ``hidden`` effects and ``wrong_numbers`` leave after the refit, over the noise: (channels x
+        samples,), channel by channel.
         """
-        return self._refit_residual(self._simulate_channels(self._base, hidden))
+        return self._refit_residual(self._simulate_channels({**self._base, **wrong_numbers}, hidden))
 
     def scale_effect(self, effect: Effect) -> dict[str, Any]:
         """Return ``effect`` scaled to its required size as far as its parameters allow, with the reached size."""

@@ -331,8 +331,9 @@ def test_wrong_number_changes_the_device_and_not_its_file(tmp_path: Path) -> Non
         size = usual[key].absolute + usual[key].relative * abs(nominal[key])
         assert 0.99 <= abs(value - nominal[key]) / size <= 3.01
     name = specs[0].pop("name")
-    generate.make_dataset(tmp_path / name, **specs[0])
+    sealed = generate.make_dataset(tmp_path / name, **specs[0])
     generate.make_dataset(tmp_path / "plain", specs[0]["seed"], block="clean")
+    assert sealed["size"] > 0.0
     texts = [(tmp_path / folder / "dataset.toml").read_text("utf-8") for folder in (name, "plain")]
     assert texts[0] == texts[1]
     file = min(path.name for path in (tmp_path / name).glob("*_a.csv"))

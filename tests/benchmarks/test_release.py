@@ -215,10 +215,11 @@ def test_simulation_of_the_card_agrees_with_clean_data(
     assert {name for name, _ in names["candidates"]} == {name for name, kind in allowed.items() if kind == "device"}
 
 
-def test_silence_about_a_wrong_number_is_no_success() -> None:
-    truth = {"block": "wrong_number", "size": 0.0, "numbers": [{"name": "number_error", "number": "muscle.c10_kpa"}]}
+@pytest.mark.parametrize(("size", "outcome"), [(0.7, "missed"), (0.5, "absorbed")])
+def test_silence_about_a_wrong_number_is_right_only_without_influence(size: float, outcome: str) -> None:
+    truth = {"block": "wrong_number", "size": size, "numbers": [{"name": "number_error", "number": "muscle.c10_kpa"}]}
     silent = score_answer("d", truth, {"verdict": "nothing-missing", "effects": [], "alternatives": []})
-    assert silent.outcome == "missed"
+    assert silent.outcome == outcome
     effects = [{"name": "number_error", "number": "muscle.c10_kpa"}]
     named = score_answer("d", truth, {"verdict": "identified", "effects": effects, "alternatives": []})
     assert named.outcome == "right"

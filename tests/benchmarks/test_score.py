@@ -27,6 +27,7 @@ from klute_sim.errors import InputError
 HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
 DAMPING = {"name": "muscle_damping", "channel": None}
 GAIN = {"name": "sensor_gain", "channel": "force"}
+WRONG_TURNS = {"name": "number_error", "number": "muscle.turns_per_m"}
 PROPOSED_EXPERIMENT = {"next_experiment": {"separation_chi2": 50.0}}
 """What an `indistinguishable` verdict asks for."""
 MASS = {"name": "moving_mass", "form": "rigid", "parameters": {"mass_kg": 2.0}}
@@ -61,6 +62,9 @@ def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
         ),
         (truth((HYSTERESIS,)), verdict("nothing-missing", left=1.5), "missed"),
         (truth((HYSTERESIS,)), verdict("nothing-missing", left=1.02), "absorbed"),
+        (truth(numbers=[WRONG_TURNS], size=0.5), verdict("nothing-missing", left=1.5), "absorbed"),
+        (truth(numbers=[WRONG_TURNS], size=0.7), verdict("nothing-missing", left=1.5), "missed"),
+        (truth((HYSTERESIS,), numbers=[WRONG_TURNS], size=0.5), verdict("nothing-missing", left=1.5), "missed"),
         (truth((HYSTERESIS,)), verdict("unexplained", GAIN), "flagged"),
         (truth((HYSTERESIS,), deleted=True), verdict("unexplained", GAIN), "flagged"),
         (truth((HYSTERESIS,), deleted=True), verdict("identified", GAIN), "wrong"),
@@ -198,6 +202,22 @@ def test_gait_metrics_are_separate() -> None:
     assert found["walks: false alarms on clean data"].value == 1.0
     assert found["walks: wrong name, at any size"].value == pytest.approx(1 / 3)
     assert found["walks: 95 % intervals that cover the truth"].value == 1.0
+
+
+@pytest.mark.slow
+def test_size_of_a_wrong_number_is_what_the_uncertain_numbers_leave() -> None:
+    base = device.load_device()
+    bench = inputs.generate_programs(np.random.default_rng(3))[:2]
+    sizer = sizes.EffectSizer(base, base, bench, ["force", "pressure"], Noise())
+
+    def measure_size(number: str, change: float) -> float:
+        return sizer.measure_size(Hidden(), {number: base[number] * (1.0 + change)})
+
+    assert measure_size("muscle.turns_per_m", 0.0) == pytest.approx(0.0, abs=1e-3)
+    assert 0.1 < measure_size("muscle.turns_per_m", 0.02) < 0.7 * measure_size("muscle.turns_per_m", 0.05)
+    uncertain = next(iter(catalogue.RELATIVE_UNCERTAINTIES))
+    deviation = catalogue.RELATIVE_UNCERTAINTIES[uncertain]
+    assert measure_size(uncertain, deviation) < 0.2 * measure_size("muscle.turns_per_m", 0.05)
 
 
 @pytest.mark.slow

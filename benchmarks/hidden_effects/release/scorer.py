@@ -132,11 +132,8 @@ def find_fault(name: str, owner: Any, kinds: Mapping[str, str]) -> str:
 
 
 def score_answer(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> ScoredAnswer:
-    """Return the scored ``answer``; what a refit leaves, which decides on *absorbed*, is that of the ground truth.
-
-    Nobody has measured what a refit leaves of a wrong number, so silence about one counts as *missed*.
-    """
-    refitted = math.inf if truth.get("numbers") else math.sqrt(1.0 + float(truth.get("size") or 0.0) ** 2)
+    """Return the scored ``answer``; what a refit leaves, which decides on *absorbed*, is that of the ground truth."""
+    refitted = math.sqrt(1.0 + float(truth.get("size") or 0.0) ** 2)
     gap = {"worst": {"floor": 1.0, "refitted": refitted, "after": refitted}}
     complete = {**answer, "gap": gap, "indistinguishable": truth.get("near_twins", [])}
     return ScoredAnswer(name, truth, complete, score_verdict(truth, complete))
@@ -191,9 +188,9 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
         ),
         count("outside the catalogue, faint: a wrong name alone", ("faint_outside",), is_wrong_alone, False),
         count(
-            "wrong number: in a set",
+            "wrong number: in a set, or without influence",
             ("wrong_number",),
-            lambda a: a.outcome in ("right", "loose"),
+            lambda a: a.outcome in ("right", "loose", "absorbed"),
         ),
         count("wrong number: a wrong name alone", ("wrong_number",), is_wrong_alone, False),
         count(
