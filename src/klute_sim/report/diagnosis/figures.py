@@ -205,7 +205,7 @@ def _plot_ranking(axis: "Axes", bars: list[RankingBar], threshold: float) -> Non
             axis.barh(
                 position, max(bar.bic_drop, 1.0), color=AFTER_COLOUR if bar.accepted else REFITTED_COLOUR, height=0.42
             )
-            text = f"falls by {bar.bic_drop:.0f}" if bar.bic_drop >= 0.5 else f"rises by {-bar.bic_drop:.0f}"
+            text = format_bic_drop(bar.bic_drop)
             text += "" if bar.converged else " (stopped early)"
         end = max(bar.predicted_drop, bar.bic_drop or 1.0, 1.0)
         axis.text(
@@ -217,6 +217,13 @@ def _plot_ranking(axis: "Axes", bars: list[RankingBar], threshold: float) -> Non
         label.set_fontweight("bold" if bar.accepted else "normal")
     axis.set_ylim(len(bars) - 0.4, -0.6)
     axis.grid(visible=False, axis="y")
+
+
+def format_bic_drop(drop: float) -> str:
+    """Return in words how BIC changes, to whole units."""
+    if round(drop) == 0:
+        return "does not change"
+    return f"falls by {drop:.0f}" if drop > 0.0 else f"rises by {-drop:.0f}"
 
 
 def _shorten(text: str, max_length: int = 90) -> str:
