@@ -28,7 +28,7 @@ BLOCK_SIZES = {
     "instrument": 24,
     "pair": 30,
     "triple": 10,
-    "wrong_form": 22,
+    "wrong_form": 33,
     "outside": 36,
     "twin": 10,
     "repeats": 24,
@@ -237,7 +237,7 @@ def _block_content(block: str, index: int, rng: np.random.Generator | None) -> D
             return make_spec(draw_effect(EFFECTS, singles[position], rng, TARGET_SIZES[turn % len(TARGET_SIZES)]))
         case "wrong_form":
             turn, position = divmod(index, len(others))
-            return make_spec(draw_effect(OTHER_FORMS, others[position], rng, (8.0, 2.0)[turn % 2]))
+            return make_spec(draw_effect(OTHER_FORMS, others[position], rng, (8.0, 2.0, 0.7)[turn % 3]))
         case "instrument":
             # Neighbours in the order differ in both fault and channel, so that a short plan sees some of each.
             names, channels = list(instrument_forms("force")), list(BENCH_CHANNELS)

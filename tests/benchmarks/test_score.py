@@ -160,6 +160,8 @@ def test_metrics_match_results(tmp_path: Path) -> None:
     removed = found["misfit above the noise removed on test trials, identified, median"]
     assert removed.value == pytest.approx((0.9 + 1.0) / 2)
     assert found["wrong name, at any size"].value == pytest.approx(1 / 8)
+    assert found["wrong name, all blocks"].value == pytest.approx(2 / 9)  # that outside the catalogue, too
+    assert metrics.tabulate_coverage(rows) == {"single": (1, 2)}
     assert found["outside the catalogue: flagged, or nothing left to flag"].value == 0.0
     assert found["indistinguishable sets contain the truth"].value == 1.0
     decided = found["resolved by the proposed measurement or experiment"]
@@ -167,6 +169,8 @@ def test_metrics_match_results(tmp_path: Path) -> None:
     assert found["exact set, pairs"].value is None
     text = page.render_page(rows, {}, {"half": "test"})
     assert "| clean_1 |" in text
+    assert "| block | datasets | right | false-alarm | absorbed | wrong |" in text
+    assert "| single | 3 | 2 |  | 1 |  | 1 of 2 | 10 | 10 |" in text
     assert "| outside_0 | moving_mass |" in text
     assert "| single_2 |" not in text  # absorbed is nobody's fault
     assert "braid_hysteresis, coulomb" in text

@@ -187,6 +187,7 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
             lambda a: a.outcome in ("flagged", "absorbed") and a.answer["verdict"] != "insufficient-data",
         ),
         count("outside the catalogue, faint: a wrong name alone", ("faint_outside",), is_wrong_alone, False),
+        count("a form outside the catalogue: a wrong name alone", ("wrong_form",), is_wrong_alone, False),
         count(
             "wrong number: in a set, or without influence",
             ("wrong_number",),
