@@ -112,7 +112,7 @@ def test_complete_model_at_a_bound_is_not_named(
     at_bound, other = make_fit(RELAXATION, time_constant_s=100.0), make_fit(COULOMB)
 
     def find_models(search: ForwardSelection, fit: Fit) -> list[EquivalentModel]:
-        return [EquivalentModel(other, RELAXATION, 3.0)] if has_equivalent and fit is at_bound else []
+        return [EquivalentModel(other, 3.0)] if has_equivalent and fit is at_bound else []
 
     monkeypatch.setattr(final_model, "find_free_model", lambda *_: None)
     monkeypatch.setattr(final_model, "check_names", lambda search, fit, rng: (fit, True))

@@ -60,7 +60,7 @@ def test_true_name_is_not_beaten_and_an_imitation_is(tmp_path: Path, monkeypatch
         imitation = add_terms(search, base, EffectTerm("muscle_damping", "viscous"))
         free_model = find_free_model(search, base, imitation)
         assert free_model is not None
-        assert free_model.bic_difference < -search.bic_threshold
+        assert free_model.difference < -search.bic_threshold
         assert not search.has_misfit(free_model.fit)
         assert contains_names(free_model.fit, named, [FRICTION])
         assert not contains_names(free_model.fit, imitation, imitation.hypothesis.terms)

@@ -115,7 +115,7 @@ def test_unknown_moment_becomes_a_formula_and_its_imitation_is_refused(tmp_path:
     named = fit_hypothesis(data, base.hypothesis.with_term(imitation))
     free_model = find_free_model(search, base, named)
     assert free_model is not None
-    assert free_model.bic_difference < -search.bic_threshold
+    assert free_model.difference < -search.bic_threshold
     assert find_free_model(search, base, named, ("unknown_joint_moment",)) is None
 
 

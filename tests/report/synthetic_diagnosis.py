@@ -103,7 +103,7 @@ def with_equivalent_model(diagnosis: Diagnosis) -> Diagnosis:
     return replace(
         diagnosis,
         verdict="indistinguishable",
-        equivalent_models=[EquivalentModel(other, diagnosis.added_terms[0], 2.25)],
+        equivalent_models=[EquivalentModel(other, 2.25)],
     )
 
 

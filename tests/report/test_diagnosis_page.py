@@ -140,7 +140,7 @@ def test_every_verdict_has_a_page(diagnosis: Diagnosis) -> None:
         assert ('id="gap"' in html) == (variant.final_fit is not None)
 
 
-def test_equivalent_models_are_listed_with_their_bic_difference(diagnosis: Diagnosis) -> None:
+def test_equivalent_models_are_listed_with_their_difference(diagnosis: Diagnosis) -> None:
     indistinguishable = with_equivalent_model(diagnosis)
     fit = indistinguishable.equivalent_models[0].fit
     html, name = page.render_page(indistinguishable, {}), words.format_term(fit.hypothesis.terms[-1])
@@ -154,8 +154,11 @@ def test_equivalent_models_are_listed_with_their_bic_difference(diagnosis: Diagn
         "data-driven term represents it."
     )
     row = rows_of(html, "equivalent-models")[1]
-    assert row[:3] == [name, "braid hysteresis (Coulomb)", "worse by 2.2"]
-    assert words.format_number(fit.values[-1]) in row[3]
+    assert row[:2] == [name, "BIC higher by 2.2"]
+    assert words.format_number(fit.values[-1]) in row[2]
+    predictive = model._replace(difference=0.043, criterion="prediction error")
+    row = rows_of(page.render_page(replace(diagnosis, equivalent_models=[predictive]), {}), "equivalent-models")[1]
+    assert row[1] == "squared error of prediction higher by 4 %"
     assert 'id="equivalent-models"' not in page.render_page(diagnosis, {})
 
 

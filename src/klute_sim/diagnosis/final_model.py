@@ -15,7 +15,6 @@ from klute_sim.diagnosis.discrepancy.imitation import compare_with_free_models
 from klute_sim.diagnosis.discrepancy.sparse_regression import fit_discrepancy_term
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.imperfect_law import ImperfectLawDecision, compute_jackknife_intervals
 from klute_sim.diagnosis.localization.equation_residuals import EquationResidual, compute_equation_residuals
@@ -28,7 +27,7 @@ from klute_sim.diagnosis.selection.naming import (
     find_term_without_effect,
     find_terms_at_bound,
 )
-from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
+from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.diagnosis.selection.robustness import (
     EquivalentModel,
@@ -71,7 +70,7 @@ def select_complete_model(
     data = search.data
     progress(0.6, "comparing the names with a free term")
     free_model = find_free_model(search, base_fit, final_fit, options.exclude)
-    if free_model is not None and free_model.bic_difference < -DECISIVE_MARGIN * search.bic_threshold:
+    if free_model is not None and free_model.difference < -DECISIVE_MARGIN * search.bic_threshold:
         return _refuse_names(search, base_fit, final_fit, free_model, options)
     progress(0.65, "restarting the fit from another point")
     final_fit, has_converged = check_names(search, final_fit, np.random.default_rng(options.seed))
@@ -83,13 +82,13 @@ def select_complete_model(
     progress(0.7, "searching for equivalent models")
     equivalent_models = find_equivalent_models(search, final_fit)
     if equivalent_models and (
-        equivalent_models[0].bic_difference < -search.bic_threshold or find_terms_at_bound(final_fit)
+        equivalent_models[0].difference < -search.bic_threshold or find_terms_at_bound(final_fit)
     ):
         better_fit = equivalent_models[0].fit
         final_fit, has_converged = check_names(search, better_fit, np.random.default_rng(options.seed))
         equivalent_models = find_equivalent_models(search, final_fit)
     free_model = find_free_model(search, base_fit, final_fit, options.exclude)
-    if free_model is not None and free_model.bic_difference < -search.bic_threshold:
+    if free_model is not None and free_model.difference < -search.bic_threshold:
         return _refuse_names(search, base_fit, final_fit, free_model, options)
     equivalent_models += [free_model] if free_model else []
     verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
@@ -143,9 +142,7 @@ def select_decisive_term(
         f". {_list_names(base_fit, named_fit)} takes {100.0 * share:.0f} % of what the term explains, from elsewhere: "
         "either this is missing in another form, or the missing effect is not in the catalogue and resembles it."
     )
-    free_model = EquivalentModel(
-        free_fit, named_fit.hypothesis.terms[-1], compute_bic_difference(search, free_fit, named_fit)
-    )
+    free_model = EquivalentModel(free_fit, compute_bic_difference(search, free_fit, named_fit))
     return FinalModel(
         "indistinguishable",
         [reason, *_describe_misfit(search, named_fit)],
@@ -240,7 +237,7 @@ def select_imperfect_model(
         refused = _replace_names(search, base_fit, free_fit, [*decision.reasons, reason], options)
         return refused._replace(prediction=result)
     equivalent_models = [
-        EquivalentModel(rival.fit, _find_replaced_term(result, rival), rival.error - result.chosen.error)
+        EquivalentModel(rival.fit, rival.error / result.chosen.error - 1.0, "prediction error")
         for rival in (result.rivals if decision.verdict == "indistinguishable" else ())
     ]
     reasons = decision.reasons
@@ -250,8 +247,8 @@ def select_imperfect_model(
             "elsewhere: the missing effect may be there, and in no catalogue."
         )
         reasons = [*reasons, reason]
-        difference = free_rival.error - result.chosen.error
-        equivalent_models.append(EquivalentModel(free_rival.fit, result.chosen.terms[-1], difference))
+        difference = free_rival.error / result.chosen.error - 1.0
+        equivalent_models.append(EquivalentModel(free_rival.fit, difference, "prediction error"))
     return FinalModel(
         "indistinguishable" if equivalent_models else decision.verdict,
         reasons,
@@ -264,11 +261,6 @@ def select_imperfect_model(
         bool(result.chosen.is_reproducible),
         result,
     )
-
-
-def _find_replaced_term(result: PredictiveResult, rival: PredictiveModel) -> EffectTerm:
-    """Return a term of the chosen model that ``rival`` does not contain."""
-    return next(term for term in result.chosen.terms if term.identity not in rival.identities)
 
 
 def _add_discrepancy_term(
@@ -295,7 +287,7 @@ def _refuse_names(
     """Return the model with the data-driven term of ``free_model`` in place of the names of ``named_fit``."""
     reason = (
         f"{_list_names(base_fit, named_fit)} would explain the data to the noise, but a data-driven term in one "
-        f"equation explains them better (BIC is lower by {-free_model.bic_difference:.0f}): the missing effect is not "
+        f"equation explains them better (BIC is lower by {-free_model.difference:.0f}): the missing effect is not "
         "in the catalogue, and these names only imitate it."
     )
     return _replace_names(search, base_fit, free_model.fit, [reason], options)

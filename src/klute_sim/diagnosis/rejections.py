@@ -33,7 +33,9 @@ def list_rejections(diagnosis: Diagnosis) -> list[Rejection]:
     reasons. Of several forms of an effect, the one counts that came furthest.
     """
     added = {term.identity for term in diagnosis.added_terms}
-    equivalent = {model.fit.hypothesis.terms[-1].identity for model in diagnosis.equivalent_models}
+    equivalent = {
+        term.identity for model in diagnosis.equivalent_models for term in diagnosis.list_added_terms(model.fit)
+    }
     rejections: dict[Identity, Rejection] = {}
     for step in diagnosis.selection_history:
         for key, rejection in _explain_step(step, diagnosis.n_independent).items():
@@ -47,7 +49,7 @@ def list_rejections(diagnosis: Diagnosis) -> list[Rejection]:
     if diagnosis.prediction is not None:
         rejections |= _explain_prediction(diagnosis.prediction)
     for key in equivalent & rejections.keys():
-        reason = "it explains the data as well as the added effect (see alternatives)"
+        reason = "a set of effects that contains it explains the data as well (see alternatives)"
         rejections[key] = Rejection(rejections[key].term, reason)
     return [rejection for key, rejection in rejections.items() if key not in added]
 

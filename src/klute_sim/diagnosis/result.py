@@ -127,6 +127,11 @@ class Diagnosis:
     n_simulations: int = 0
     """Number of simulations."""
 
+    def list_added_terms(self, fit: Fit) -> tuple[EffectTerm, ...]:
+        """Return the terms of ``fit`` that the base fit does not have."""
+        n_known = 0 if self.base_fit is None else len(self.base_fit.hypothesis.terms)
+        return fit.hypothesis.terms[n_known:]
+
     @property
     def evaluated_experiments(self) -> list[Experiment]:
         """Trials of :attr:`channel_rms`."""

@@ -23,9 +23,8 @@ DEVICE_FILE_NAME = "device.toml"
 
 def list_alternatives(diagnosis: Diagnosis) -> list[list[str]]:
     """Return the names of the effects of each equivalent model."""
-    n_known = 0 if diagnosis.base_fit is None else len(diagnosis.base_fit.hypothesis.terms)
     models = [
-        [term.qualified_name for term in model.fit.hypothesis.terms[n_known:]] for model in diagnosis.equivalent_models
+        [term.qualified_name for term in diagnosis.list_added_terms(model.fit)] for model in diagnosis.equivalent_models
     ]
     return [list(names) for names in dict.fromkeys(tuple(sorted(names)) for names in models)]
 

@@ -87,7 +87,7 @@ def find_free_model(
         return None
     if contains_names(free_fit, named_fit, names) or not predicts_as_well(search, free_fit, named_fit):
         return None
-    return EquivalentModel(free_fit, names[-1], bic_difference)
+    return EquivalentModel(free_fit, bic_difference)
 
 
 def contains_names(free_fit: Fit, named_fit: Fit, names: Iterable[EffectTerm]) -> bool:
@@ -197,5 +197,5 @@ def _list_rivals(search: ForwardSelection, step: SelectionStep, base_fit: Fit, n
             continue
         gains = search.compute_validation_gains(step.initial_fit, rival)
         if not search.rejection_reason(step.initial_fit, rival, gains):
-            rivals[identity] = EquivalentModel(rival, name, compute_bic_difference(search, rival, named_fit))
-    return sorted(rivals.values(), key=lambda rival: rival.bic_difference)
+            rivals[identity] = EquivalentModel(rival, compute_bic_difference(search, rival, named_fit))
+    return sorted(rivals.values(), key=lambda rival: rival.difference)

@@ -1,10 +1,9 @@
 """Robustness checks: smaller models, multi-start convergence, equivalent models."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.selection.bounds import refine_names, simplify_at_bound
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_without_term, select_shortlist
@@ -30,10 +29,11 @@ class EquivalentModel(NamedTuple):
 
     fit: Fit
     """Fit of the other set."""
-    replaces: EffectTerm
-    """Term of the best fit that the last term of ``fit`` replaces."""
-    bic_difference: float
-    """BIC minus that of the best fit; positive where the best fit is better."""
+    difference: float
+    """Difference from the best fit in :attr:`criterion`; positive where the best fit is better."""
+    criterion: Literal["BIC", "prediction error"] = "BIC"
+    """What is compared: BIC, or the squared error of prediction, whose difference is relative to that of the best
+    fit."""
 
 
 def find_smaller_model(search: ForwardSelection, best_fit: Fit) -> Fit | None:
@@ -99,8 +99,8 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
             if is_known or find_naming_obstacle(data, rival):
                 continue
             if _is_equivalent(search, reduced_fit, rival, best_fit):
-                models.append(EquivalentModel(rival, term, rival.bic(data.n_effective) - best_bic))
-    return sorted(models, key=lambda model: model.bic_difference)
+                models.append(EquivalentModel(rival, rival.bic(data.n_effective) - best_bic))
+    return sorted(models, key=lambda model: model.difference)
 
 
 def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_fit: Fit) -> bool:

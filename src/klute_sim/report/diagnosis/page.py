@@ -14,6 +14,7 @@ from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS, estimate_misfi
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import MAX_EFFECTS
+from klute_sim.diagnosis.selection.robustness import EquivalentModel
 from klute_sim.diagnosis.transfer import TransferPrediction
 from klute_sim.effects import catalogue
 from klute_sim.provenance import collect_versions
@@ -192,21 +193,23 @@ def _format_bound_note(lower: float, upper: float, value: float) -> str:
 def _build_equivalent_model_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     entries = []
     for model in diagnosis.equivalent_models:
-        term = model.fit.hypothesis.terms[-1]
-        bic_difference = (
-            f"worse by {model.bic_difference:.1f}"
-            if model.bic_difference >= 0.0
-            else f"better by {-model.bic_difference:.1f}"
-        )
+        terms = diagnosis.list_added_terms(model.fit)
         entries.append(
             {
-                "name": words.format_term(term),
-                "replaces": words.format_term(model.replaces),
-                "bic_difference": bic_difference,
-                "parameters": _build_parameter_rows(model.fit, term),
+                "name": words.join_words([words.format_term(term) for term in terms]),
+                "difference": _format_difference(model),
+                "parameters": [row for term in terms for row in _build_parameter_rows(model.fit, term)],
             }
         )
     return entries
+
+
+def _format_difference(model: EquivalentModel) -> str:
+    """Return in words by how much ``model`` is worse or better than the best one."""
+    change = "lower" if model.difference < 0.0 else "higher"
+    if model.criterion == "BIC":
+        return f"BIC {change} by {abs(model.difference):.1f}"
+    return f"squared error of prediction {change} by {100.0 * abs(model.difference):.0f} %"
 
 
 def _build_gap_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:

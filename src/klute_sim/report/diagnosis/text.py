@@ -151,10 +151,7 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
 
 def _describe_alternatives(diagnosis: Diagnosis) -> str:
     """Return the clauses about other names and about a data-driven term in place of the names."""
-    sets = [
-        [term for term in model.fit.hypothesis.terms if term not in diagnosis.added_terms]
-        for model in diagnosis.equivalent_models
-    ]
+    sets = [diagnosis.list_added_terms(model.fit) for model in diagnosis.equivalent_models]
     is_free = [any(term.effect_definition.data_driven for term in terms) for terms in sets]
     names = dict.fromkeys(
         join_words([format_term(t) for t in terms]) for terms, free in zip(sets, is_free, strict=True) if not free
