@@ -70,9 +70,9 @@ def test_hidden_friction_is_identified_with_its_size(friction: tuple[Diagnosis, 
     assert rejected.keys() >= {"seal_friction", "muscle_damping"}
     assert all(rejected.values())
     assert words.describe_verdict(diagnosis) == "The simulated device lacks braid hysteresis (Coulomb)."
-    assert words.describe_equation_residuals(diagnosis).startswith("If the instruments are correct, ")
-    ending = " N rms of force are missing in muscle, damper or tendon; nothing is missing in the supply."
-    assert words.describe_equation_residuals(diagnosis).endswith(ending)
+    sentence = words.describe_equation_residuals(diagnosis)
+    assert "the equation of muscle, damper or tendon leaves a force of " in sentence
+    assert sentence.endswith(" N rms; that of the supply holds within the noise.")
     assert verdict["split"]["test"] == ["test_1_a", "test_1_b"]
     assert 0.5 < sum(region["share"] for region in verdict["where"]) <= 1.01
     assert verdict["where"][0]["channel"] == "force"

@@ -120,7 +120,7 @@ def test_known_effects_of_short_muscles_are_identified(tmp_path: Path) -> None:
     assert diagnosis.prediction is not None
     model = diagnosis.prediction.chosen
     for index, (low, high) in enumerate(diagnosis.confidence_intervals):
-        refits = [model.fit.hypothesis.values(x)[index] for x in model.leave_one_out]
+        refits = [model.fit.hypothesis.values(x)[index] for x in model.parameters_without_fold]
         assert low <= min(refits)
         assert max(refits) <= high
     # The file loads and holds what was found.

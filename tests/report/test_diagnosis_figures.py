@@ -146,17 +146,3 @@ def test_bins_have_the_rms_of_enough_samples() -> None:
     residual = np.repeat([2.0, -3.0, 9.0], [10, 10, 3])
     binned = localization_figure._compute_binned_rms((position,), [np.arange(4.0)], residual)
     assert binned == pytest.approx([2.0, 3.0, np.nan], nan_ok=True)
-
-
-@pytest.mark.parametrize(
-    ("drop", "text"),
-    [
-        (12.3, "falls by 12"),
-        (0.6, "falls by 1"),
-        (0.2, "does not change"),
-        (-0.3, "does not change"),
-        (-4.8, "rises by 5"),
-    ],
-)
-def test_change_of_bic_has_no_signed_zero(drop: float, text: str) -> None:
-    assert figures.format_bic_drop(drop) == text

@@ -69,7 +69,7 @@ def test_weights_of_coarse_inputs_are_mentioned(diagnosis: Diagnosis) -> None:
         replace(e, input_error_scale={"force": np.where(e.measured["force"].time < 0.5, 1.0, 3.0)})
         for e in diagnosis.experiments
     ]
-    assert "figures show them all" in words.describe_weights(replace(diagnosis, experiments=coarse))
+    assert "figures show all" in words.describe_weights(replace(diagnosis, experiments=coarse))
 
 
 def test_supply_that_agrees_to_the_noise_lacks_nothing(diagnosis: Diagnosis) -> None:
@@ -89,8 +89,8 @@ def test_supply_that_agrees_to_the_noise_lacks_nothing(diagnosis: Diagnosis) -> 
 def test_ankle_lacks_a_moment(diagnosis: Diagnosis) -> None:
     residuals = [EquationResidual("ankle", 3.0, 50.0, 0.3), EquationResidual("tendon", 0.0, 0.0, 3.0)]
     assert words.describe_equation_residuals(replace(diagnosis, equation_residuals=residuals)) == (
-        "If the instruments are correct, 3 N·m rms of moment are missing in the ankle; "
-        "nothing is missing in the tendon."
+        "If the instruments are correct, the equation of the ankle leaves a moment of 3 N·m rms; "
+        "that of the tendon holds within the noise."
     )
 
 

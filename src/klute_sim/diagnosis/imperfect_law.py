@@ -26,7 +26,7 @@ from klute_sim.diagnosis.selection.predictive_selection import (
 
 FOLD_WORDS = {"condition": "condition", "specimen": "specimen", "part": "part of the trials"}
 """What a fold leaves out -> words."""
-MAX_COMPLETE_TRIALS = 3
+MAX_COMPLETE_MODELS = 3
 """Number of models that are tested for reaching the noise between repeats."""
 
 
@@ -75,7 +75,7 @@ def find_complete_model(
         (model for model in result.models if model.terms and not model.obstacle),
         key=lambda model: model.fit.bic(selection.data.n_effective),
     )
-    for model in by_bic[:MAX_COMPLETE_TRIALS]:
+    for model in by_bic[:MAX_COMPLETE_MODELS]:
         refit = fit_hypothesis(search.data, model.fit.hypothesis, model.fit.x)
         if search.has_misfit(refit) or find_naming_obstacle(search.data, refit):
             continue
@@ -126,7 +126,7 @@ def decide_verdict(result: PredictiveResult, *, has_repeats: bool = True) -> Imp
         )
         return ImperfectLawDecision("indistinguishable", reasons)
     if not result.is_stable:
-        reasons.append(f"A name must be chosen in {100 * MIN_STABILITY:.0f} % of the refits.")
+        reasons.append(f"An effect must be chosen in {100 * MIN_STABILITY:.0f} % of these selections.")
         return ImperfectLawDecision(unexplained, reasons)
     return ImperfectLawDecision("identified-in-part", reasons)
 
@@ -138,7 +138,7 @@ def compute_jackknife_intervals(model: PredictiveModel) -> list[tuple[float, flo
     1993, section 11.5), but not less than the variance from the curvature of chi squared with the error of the law as
     noise: a parameter that no fold determines does not move.
     """
-    fit, points = model.fit, model.leave_one_out
+    fit, points = model.fit, model.parameters_without_fold
     n_folds = len(points)
     if not len(fit.x):
         return []

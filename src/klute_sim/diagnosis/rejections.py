@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import SelectionStep
@@ -44,14 +45,22 @@ def list_rejections(diagnosis: Diagnosis) -> list[Rejection]:
                 rejection = replace(earlier, reason=f"{earlier.reason.split(LATER)[0]}{LATER}{rejection.reason}")
             rejections[key] = rejection
         if step.added_term is not None:
-            reason = "effects that were added later explain the same, so it was removed again"
-            rejections[step.added_term.identity] = Rejection(step.added_term, reason)
+            rejections[step.added_term.identity] = Rejection(step.added_term, _explain_removal(diagnosis))
     if diagnosis.prediction is not None:
         rejections |= _explain_prediction(diagnosis.prediction)
     for key in equivalent & rejections.keys():
         reason = "a set of effects that contains it explains the data as well (see alternatives)"
         rejections[key] = Rejection(rejections[key].term, reason)
     return [rejection for key, rejection in rejections.items() if key not in added]
+
+
+def _explain_removal(diagnosis: Diagnosis) -> str:
+    """Return why an effect that the forward selection added is not in the final model."""
+    if diagnosis.prediction is not None:
+        return "it was added first, but predictions of left-out data decide, and the chosen model does not contain it"
+    if any(term.effect_definition.data_driven for term in diagnosis.added_terms):
+        return "it was added first, but a data-driven term took its place"
+    return "it was added first, but the final model explains the data as well without it"
 
 
 def _explain_step(step: SelectionStep, n_independent: float) -> dict[Identity, Rejection]:
@@ -62,9 +71,9 @@ def _explain_step(step: SelectionStep, n_independent: float) -> dict[Identity, R
     initial_bic = step.initial_fit.bic(n_independent)
     gains = {fit.hypothesis.terms[-1]: initial_bic - fit.bic(n_independent) for fit in step.refits}
     for term, gain in gains.items():
-        reason = f"other candidates fit better: with it, BIC falls by {gain:.1f}"
+        reason = f"other candidates fit better: with it, BIC {format_bic_drop(gain, 1)}"
         if step.added_term is not None:
-            reason += f", with {step.added_term} by {gains[step.added_term]:.1f}"
+            reason += f"; with {step.added_term}, it {format_bic_drop(gains[step.added_term], 1)}"
         rejections.setdefault(term.identity, Rejection(term, reason))
     for candidate in step.candidates:
         reason = (

@@ -130,7 +130,10 @@ def _run_workflow(
     reasons += describe_registration(zip(names, fit.values, selected.confidence_intervals, strict=True))
     reasons += filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
     if not selected.has_converged:
-        reasons.append("A fit restarted from another point converged elsewhere; treat the values with caution.")
+        reasons.append(
+            "The final fit did not converge, or a restart from another point ended elsewhere; treat its values with "
+            "caution."
+        )
     final_fit, equivalent_models = selected.final_fit, selected.equivalent_models
     diagnosis = Diagnosis(
         dataset=dataset,

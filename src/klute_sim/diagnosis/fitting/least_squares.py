@@ -1,6 +1,7 @@
 """Bounded nonlinear least squares for the parameters of a hypothesis."""
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,6 +18,8 @@ from klute_sim.types import Array
 
 FINITE_DIFFERENCE_STEP = 1e-3
 """Step of the finite differences in normalized parameters."""
+BOUND_TOLERANCE = 1e-2
+"""Distance from a bound, as a fraction of the range or of a typical size, below which a parameter is at the bound."""
 DEFAULT_MAX_NFEV = 25
 """Largest number of evaluations of the residuals."""
 COST_TOLERANCE, FINE_COST_TOLERANCE = 1e-5, 1e-7
@@ -187,6 +190,17 @@ class Fit:
     def values(self) -> list[float]:
         """Fitted parameter values, each in its own unit."""
         return self.hypothesis.values(self.x)
+
+    def find_bounds_reached(self) -> dict[int, float]:
+        """Return index -> normalized bound of each parameter that is at its bound."""
+        lower, upper = self.hypothesis.bounds()
+        tolerance = BOUND_TOLERANCE * np.minimum(1.0, upper - lower)
+        return {
+            index: float(bound)
+            for index, x in enumerate(self.x)
+            for bound in (lower[index], upper[index])
+            if math.isfinite(bound) and abs(x - bound) < tolerance[index]
+        }
 
     def bic(self, n_effective: float) -> float:
         """Return the Bayesian information criterion for ``n_effective`` independent samples, up to a constant."""

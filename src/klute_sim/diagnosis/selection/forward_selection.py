@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from klute_sim.diagnosis.data_quality import is_supply_only
+from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
@@ -190,7 +191,7 @@ class ForwardSelection:
             if not rejection:
                 bic_gain = self._bic(current) - self._bic(refit)
                 ordered = (refit, *refits[:rank], *refits[rank + 1 :])
-                reason = "; ".join([f"BIC falls by {bic_gain:.0f}", *rejections.values()])
+                reason = "; ".join([f"BIC {format_bic_drop(bic_gain)}", *rejections.values()])
                 term = refit.hypothesis.terms[-1]
                 return SelectionStep(current, tuple(candidates), ordered, term, gains, reason, rejections)
             rejections[refit.hypothesis.terms[-1]] = rejection
@@ -325,8 +326,8 @@ class ForwardSelection:
         min_gain = MIN_VALIDATION_GAIN if self.has_misfit(before) else NO_MISFIT_GAIN_FACTOR * MIN_VALIDATION_GAIN
         if bic_gain <= self.bic_threshold:
             return (
-                f"{term} explains no more than noise would (BIC falls by {bic_gain:.1f}; required: "
-                f"{self.bic_threshold:.0f})"
+                f"{term} explains no more than noise would (BIC {format_bic_drop(bic_gain, 1)}; a fall of more than "
+                f"{self.bic_threshold:.0f} is required)"
             )
         losses = [f"'{group}' by {-100 * g:.1f} %" for group, g in validation_gains.items() if g < -MAX_VALIDATION_LOSS]
         if losses:

@@ -10,8 +10,6 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.effects.families import instrument
 
-BOUND_TOLERANCE = 1e-2
-"""Distance from a bound, as a fraction of the range or of a typical size, below which a parameter is at the bound."""
 MAX_INSTRUMENT_FRACTION = 0.1
 """Largest plausible error of an instrument, as a fraction of the range of its channel: gain, offset, and drift over the
 longest trial (assumed; a worse instrument is seen in its own calibration)."""
@@ -116,17 +114,14 @@ def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter
     A limit of physics, such as the exponent of an isothermal change, is a value like others.
     """
     hypothesis = fit.hypothesis
-    lower, upper = hypothesis.bounds()
-    for index, (parameter, x) in enumerate(zip(hypothesis.parameters, fit.x, strict=True)):
+    for index, bound in fit.find_bounds_reached().items():
+        parameter = hypothesis.parameters[index]
         if parameter.term_index is None:
             continue
         term = hypothesis.terms[parameter.term_index]
         physical_limits = next((p.physical_limits for p in term.parameters if p.key == parameter.name), ())
-        tolerance = BOUND_TOLERANCE * min(1.0, float(upper[index] - lower[index]))
-        for bound in (float(lower[index]), float(upper[index])):
-            is_reached = math.isfinite(bound) and abs(float(x) - bound) < tolerance
-            if is_reached and not any(math.isclose(parameter.denormalize(bound), end) for end in physical_limits):
-                yield term, parameter, bound
+        if not any(math.isclose(parameter.denormalize(bound), end) for end in physical_limits):
+            yield term, parameter, bound
 
 
 def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, values: list[float]) -> bool:

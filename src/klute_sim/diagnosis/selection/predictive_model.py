@@ -27,7 +27,7 @@ MIN_PARTIAL_SHARE = 0.25
 simulated laws with known errors, the best wrong term beside the true one took 0 to 0.40, in the median 0.09; the ends
 of measured muscles take 0.33 beside a passive tension)."""
 MIN_STABILITY = 0.8
-"""Fraction of the refits in which a name must be chosen again."""
+"""Fraction of the selections without one fold in which an effect must be chosen again."""
 
 
 class FoldPart(NamedTuple):
@@ -54,12 +54,14 @@ class PredictiveModel:
     """Fit to all conditions."""
     errors: Array
     """Mean squared error of prediction of each fold that is left out, over that of the law, (folds,)."""
-    leave_one_out: Array
+    parameters_without_fold: Array
     """Normalized parameters of the fit without each fold, (folds, parameters)."""
     obstacle: str = ""
     """Why the model may not be named; '' if it may."""
     is_reproducible: bool | None = None
     """Whether a restart of the refined fit agrees with it; None for a fit that was not refined."""
+    has_full_fit: bool = False
+    """Whether the fit had all the evaluations that a fit may have, instead of a few for the comparison."""
 
     @property
     def terms(self) -> tuple[EffectTerm, ...]:
@@ -90,7 +92,7 @@ class PredictiveResult:
     models: Sequence[PredictiveModel]
     """All models, best first."""
     stability: dict[EffectTerm, float]
-    """Fraction of the refits in which each term of the chosen model is chosen again."""
+    """Fraction of the selections without one fold in which each term of the chosen model is chosen again."""
     share: float
     """Share of the explainable error of prediction that the chosen model takes; noise cannot be explained."""
     noise: float
@@ -102,7 +104,7 @@ class PredictiveResult:
 
     @property
     def is_stable(self) -> bool:
-        """Whether every name is chosen again in most refits."""
+        """Whether every effect is chosen again in most selections without one fold."""
         return min(self.stability.values(), default=0.0) >= MIN_STABILITY
 
 

@@ -121,13 +121,13 @@ class PredictiveSelection:
         n_finished = 0
         while True:  # a model that is fitted to the end may reach a bound, or fall behind another one
             leading = [model for model in models if not model.obstacle][:MAX_LEADING]
-            unfinished = [model for model in leading if not model.fit.converged]
+            unfinished = [model for model in leading if not (model.fit.converged or model.has_full_fit)]
             if not unfinished or n_finished >= MAX_FINISHED:
                 break
             n_finished += 1
             fit = unfinished[0].fit
-            finished = self.assess(fit_hypothesis(self.data, fit.hypothesis, fit.x, fit.jacobian))
-            finished = replace(finished, fit=replace(finished.fit, converged=True))
+            full_fit = fit_hypothesis(self.data, fit.hypothesis, fit.x, fit.jacobian)
+            finished = replace(self.assess(full_fit), has_full_fit=True)
             models = sorted([finished if model is unfinished[0] else model for model in models], key=rank_model)
             models = self._add_simplified(finished, models)
         return self._decide_refined(base, models)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import SelectionStep
 from klute_sim.report.diagnosis import text as words
@@ -217,13 +218,6 @@ def _plot_ranking(axis: "Axes", bars: list[RankingBar], threshold: float) -> Non
         label.set_fontweight("bold" if bar.accepted else "normal")
     axis.set_ylim(len(bars) - 0.4, -0.6)
     axis.grid(visible=False, axis="y")
-
-
-def format_bic_drop(drop: float) -> str:
-    """Return in words how BIC changes, to whole units."""
-    if round(drop) == 0:
-        return "does not change"
-    return f"falls by {drop:.0f}" if drop > 0.0 else f"rises by {-drop:.0f}"
 
 
 def _shorten(text: str, max_length: int = 90) -> str:

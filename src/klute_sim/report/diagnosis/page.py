@@ -173,7 +173,7 @@ def _build_parameter_rows(
     fit: Fit, term: EffectTerm, intervals: Sequence[tuple[float, float]] = ()
 ) -> list[dict[str, str]]:
     """Return the fitted parameters of ``term``, with ``intervals`` of all parameters of ``fit`` if there are any."""
-    rows = []
+    rows, bounds_reached = [], fit.find_bounds_reached()
     term_index = fit.hypothesis.terms.index(term)
     for index, (parameter, value) in enumerate(zip(fit.hypothesis.parameters, fit.values, strict=True)):
         if parameter.term_index == term_index:
@@ -181,13 +181,9 @@ def _build_parameter_rows(
             row = {"name": name, "key": parameter.name, "unit": unit, "value": words.format_number(value)}
             if intervals:
                 row["value"], row["lower"], row["upper"] = words.format_interval(value, *intervals[index])
-            row["note"] = _format_bound_note(parameter.lower, parameter.upper, value)
+            row["note"] = AT_BOUND_NOTE if index in bounds_reached else ""
             rows.append(row)
     return rows
-
-
-def _format_bound_note(lower: float, upper: float, value: float) -> str:
-    return AT_BOUND_NOTE if words.is_at_bound(lower, upper, value) else ""
 
 
 def _build_equivalent_model_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
@@ -328,9 +324,8 @@ def _build_device_parameter_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
         ):
             if fit is None:
                 continue
-            parameter = fit.hypothesis.parameters[index]
             row[name], row[f"{name}_sds"] = words.format_number(fit.values[index]), f"{fit.x[index]:+.2f}"
-            if words.is_at_bound(parameter.lower, parameter.upper, fit.values[index]):
+            if index in fit.find_bounds_reached():
                 notes.append(f"{AT_BOUND_NOTE} {model}")
         row["note"] = ", ".join(notes)
         if diagnosis.confidence_intervals and diagnosis.final_fit is not None:

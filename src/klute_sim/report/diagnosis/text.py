@@ -23,8 +23,6 @@ MAX_DECIMALS = 9
 """Maximum number of decimals of values that differ little from each other."""
 MAX_NOISE_RATIO = 1.1
 """Largest ratio of a gap to the noise between repeats that is agreement."""
-BOUND_TOLERANCE = 1e-6
-"""Largest distance from a bound, as a fraction of the range, at which a fitted parameter counts as at the bound."""
 QUANTITY_BY_UNIT = {"N": "force", "bar": "pressure", "N·m": "moment"}
 """Unit of an equation residual -> its quantity."""
 PROPER_NAMES = {name.lower(): name for name in ("Bouc", "Coulomb", "Maxwell", "Stribeck", "Wen")}
@@ -119,6 +117,8 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
     """Return the verdict in one sentence."""
     if diagnosis.verdict == "insufficient-data":
         return _describe_insufficient_data(diagnosis)
+    if diagnosis.verdict == "nothing-missing" and not diagnosis.selection_history:
+        return "Nothing relevant is missing: the misfit is within the tolerance that the dataset states."
     if diagnosis.verdict == "nothing-missing":
         return "Nothing is missing: the simulation agrees with the data as well as repeats agree with each other."
     if diagnosis.verdict == "unexplained":
@@ -201,20 +201,15 @@ def describe_equation_residuals(diagnosis: Diagnosis) -> str:
     for residual in significant:
         unit, si = EQUATION_UNITS[residual.kind]
         clauses.append(
-            f"{format_number(residual.rms / si, 3)} {unit} rms of {QUANTITY_BY_UNIT[unit]} are missing in "
-            f"{_format_equation(residual.name)}"
+            f"the equation of {_format_equation(residual.name)} leaves a {QUANTITY_BY_UNIT[unit]} of "
+            f"{format_number(residual.rms / si, 3)} {unit} rms"
         )
     clauses += [
-        f"nothing is missing in {_format_equation(residual.name)}"
+        f"that of {_format_equation(residual.name)} holds within the noise"
         for residual in diagnosis.equation_residuals
         if residual not in significant
     ]
     return f"If the instruments are correct, {'; '.join(clauses)}."
-
-
-def is_at_bound(lower: float, upper: float, value: float) -> bool:
-    """Return whether a fitted ``value`` is at a finite limit of the fit."""
-    return math.isfinite(upper - lower) and min(value - lower, upper - value) <= BOUND_TOLERANCE * (upper - lower)
 
 
 def describe_numbers_at_bounds(diagnosis: Diagnosis) -> str:
@@ -222,10 +217,11 @@ def describe_numbers_at_bounds(diagnosis: Diagnosis) -> str:
     fit = diagnosis.base_fit if diagnosis.is_worse_on_test else diagnosis.final_fit
     if fit is None:
         return ""
+    rows = list(zip(fit.hypothesis.parameters, fit.values, strict=True))
     keys = [
         f"{parameter.name} ({format_number(value)} instead of {format_number(parameter.initial)})"
-        for parameter, value in zip(fit.hypothesis.parameters, fit.values, strict=True)
-        if parameter.term_index is None and is_at_bound(parameter.lower, parameter.upper, value)
+        for parameter, value in (rows[index] for index in fit.find_bounds_reached())
+        if parameter.term_index is None
     ]
     if not keys:
         return ""
@@ -270,7 +266,7 @@ def describe_weights(diagnosis: Diagnosis) -> str:
     """Return in one sentence why the gap is smaller than that of a figure; '' where all samples count equally."""
     if not diagnosis.has_input_weights:
         return ""
-    return "Samples count less where the logged inputs are too coarse to tell what happened; figures show them all."
+    return "Samples count less where the result depends on what the inputs did between their samples; figures show all."
 
 
 def describe_next_step(diagnosis: Diagnosis) -> str:
@@ -309,4 +305,5 @@ def describe_improvement(diagnosis: Diagnosis) -> str:
     channel = humanize_identifier(worst)
     if not diagnosis.added_terms:
         return f"On {trials}, simulated and measured {channel} differ by {before} rms; the noise alone is {floor}."
-    return f"On {trials}, the {channel} gap falls from {before} to {after} rms; the noise alone is {floor}."
+    change = "rises" if gap.with_effects > gap.refitted else "falls"
+    return f"On {trials}, the {channel} gap {change} from {before} to {after} rms; the noise alone is {floor}."
