@@ -21,7 +21,7 @@ from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, Se
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_terms_at_bound
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
-from klute_sim.diagnosis.selection.robustness import EquivalentModel, check_names, find_equivalent_models
+from klute_sim.diagnosis.selection.robustness import EquivalentModel, find_equivalent_models, refine_and_simplify
 from tests.diagnosis.synthetic_dataset import make_repeats
 
 DEVICE = load_device("klute-3-4-pair")
@@ -97,7 +97,9 @@ def test_final_fit_at_a_bound_takes_a_simpler_form_that_explains_the_data(
     search = ForwardSelection(data, [], [])
     replace_fits({(STRIBECK,): make_fit(STRIBECK, stick_fraction=AT_BOUND), (COULOMB,): make_fit(COULOMB)})
     monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: not is_explained)
-    fit, has_converged = check_names(search, make_fit(STRIBECK, stick_fraction=INSIDE), np.random.default_rng(0))
+    fit, has_converged = refine_and_simplify(
+        search, make_fit(STRIBECK, stick_fraction=INSIDE), np.random.default_rng(0)
+    )
     assert fit.hypothesis.terms == ((COULOMB,) if is_explained else (STRIBECK,))
     assert has_converged
 
@@ -115,7 +117,7 @@ def test_complete_model_at_a_bound_is_not_named(
         return [EquivalentModel(other, 3.0)] if has_equivalent and fit is at_bound else []
 
     monkeypatch.setattr(final_model, "find_free_model", lambda *_: None)
-    monkeypatch.setattr(final_model, "check_names", lambda search, fit, rng: (fit, True))
+    monkeypatch.setattr(final_model, "refine_and_simplify", lambda search, fit, rng: (fit, True))
     monkeypatch.setattr(final_model, "find_equivalent_models", find_models)
     monkeypatch.setattr(final_model, "_decide_verdict", lambda *_: (verdict, []))
     monkeypatch.setattr(final_model, "compute_confidence_intervals", lambda *_: [])

@@ -101,7 +101,7 @@ def test_repeats_share_derivatives_that_each_of_them_would_give(fitted_data: tup
     x = np.append(fit.x, 1.0)
     _, shared = linearize(weighted_data, hypothesis, x)
     single = [linearize(weighted_data.with_experiments([e]), hypothesis, x)[1] for e in weighted_data.experiments]
-    n_priors = hypothesis.n_device_parameters
+    n_priors = hypothesis.n_prior_parameters
     own = np.concatenate([*(rows[:-n_priors] for rows in single), single[0][-n_priors:]])
     assert own.shape == shared.shape
     assert np.linalg.norm(shared - own) < 0.05 * np.linalg.norm(own)  # repeats have noise in their inputs

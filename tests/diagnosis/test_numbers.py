@@ -42,7 +42,7 @@ def test_candidates_are_all_undeclared_numbers_but_counts_zeros_and_the_foot() -
 def test_wrong_number_changes_the_device() -> None:
     term = make_number_term("tendon.slack_length_mm")
     hypothesis = Hypothesis(NOMINAL, (("tendon.stiffness_1_n_per_mm", 6.0),), ()).with_term(term)
-    assert hypothesis.n_device_parameters == 1
+    assert hypothesis.n_prior_parameters == 1
     x = np.array([0.0, 1.5])
     error = compute_plausible_error("tendon.slack_length_mm", 100.0)
     trial = BenchExperiment("a", "g", "fit", NOMINAL, 0.0, 0.01, np.zeros(3), {}, unit_length=np.full(3, 0.34))

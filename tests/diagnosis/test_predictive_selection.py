@@ -7,7 +7,7 @@ import pytest
 
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.final_model import FinalModel, doubt_absent_effect
+from klute_sim.diagnosis.final_model import FinalModel, demote_absent_effect
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals, decide_verdict
@@ -309,7 +309,7 @@ def test_effect_that_may_be_absent_is_not_identified(
     fit, simulator = make_fit((GAIN,), [1.0]), Simulator(1)
     data = WeightedData(simulator, make_repeats([np.linspace(0.0, 500.0, 100)] * 2), {})
     selected = FinalModel(verdict, ["a reason"], data, make_fit(()), fit, [interval], [], [], has_converged=True)
-    doubted = doubt_absent_effect(selected)
+    doubted = demote_absent_effect(selected)
     assert doubted.verdict == expected
     assert doubted.reasons[-1] == "a reason"
     assert ("contains the value without effect, 1" in doubted.reasons[0]) == (expected != verdict)

@@ -87,7 +87,7 @@ def without_effects(diagnosis: Diagnosis) -> Diagnosis:
     """Return the diagnosis as if no effect had been accepted."""
     assert diagnosis.base_fit is not None
     step = replace(diagnosis.selection_history[0], added_term=None, reason="no candidate improves the fit enough")
-    intervals = diagnosis.confidence_intervals[: diagnosis.base_fit.hypothesis.n_device_parameters]
+    intervals = diagnosis.confidence_intervals[: diagnosis.base_fit.hypothesis.n_prior_parameters]
     return replace(
         diagnosis,
         final_fit=diagnosis.base_fit,

@@ -43,7 +43,7 @@ def test_instrument_parameters_have_the_unit_of_their_channel(diagnosis: Diagnos
         term = diagnosis.added_terms[0]._replace(effect=effect, form="linear", channel="pressure")
         assert diagnosis.base_fit is not None
         (parameter,) = replace(diagnosis.base_fit.hypothesis, terms=(term,)).parameters[
-            diagnosis.base_fit.hypothesis.n_device_parameters :
+            diagnosis.base_fit.hypothesis.n_prior_parameters :
         ]
         assert words.format_parameter_name(parameter, "pressure") == expected
 
@@ -54,7 +54,7 @@ def test_effect_is_shown_with_equation_and_interval(diagnosis: Diagnosis, html: 
     assert final is not None
     for part in (term.effect_definition.description, term.form_definition.equation, words.format_term(term)):
         assert part in text
-    index = final.hypothesis.n_device_parameters
+    index = final.hypothesis.n_prior_parameters
     rows = rows_of(html, "effects")
     value, lower, upper = words.format_interval(final.values[index], *diagnosis.confidence_intervals[index])
     name = "slope slope_n_per_bar"

@@ -290,7 +290,7 @@ class ForceBalance(NamedTuple):
 def compute_balance(dataset: Dataset, experiment: Experiment) -> ForceBalance:
     """Return the balance of a trial with force and pressure."""
     hypothesis = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), ())
-    rows = [hypothesis.initial_point(), *np.eye(hypothesis.n_device_parameters)]
+    rows = [hypothesis.initial_point(), *np.eye(hypothesis.n_prior_parameters)]
     devices = [hypothesis.build_setups(row, [experiment])[0].parameters for row in rows]
     nominal, *perturbed = (_extract_signals(device, experiment) for device in devices)
     missing_force = nominal.force - nominal.model_force()

@@ -47,7 +47,7 @@ def search_on_holdout(trials: Trials, exclude: Sequence[str]) -> Verdict:
     with Calibration(trials, exclude, with_repeats=True) as calibration:
         held_out = calibration.data.with_experiments(validation)
         jacobian = linearize(held_out, calibration.base.hypothesis, calibration.base.x)[1]
-        n_trial = len(jacobian) - calibration.base.hypothesis.n_device_parameters
+        n_trial = len(jacobian) - calibration.base.hypothesis.n_prior_parameters
         predictions: dict[frozenset[EffectTerm], tuple[Fit, Array]] = {}
         switches = calibration.select_switches()
         for count in range(3):

@@ -76,7 +76,7 @@ def fit_with_sysid(data: WeightedData, hypothesis: Hypothesis, start: Array) -> 
         """Return the weighted residuals followed by those of the priors, one column per point."""
         rows = data.compute_residuals(hypothesis, points, coarse=coarse, may_diverge=True)
         columns = [
-            np.concatenate([data.weight_residuals(row), point[: hypothesis.n_device_parameters]])
+            np.concatenate([data.weight_residuals(row), point[: hypothesis.n_prior_parameters]])
             for point, row in zip(points, rows, strict=True)
         ]
         return np.stack(columns, axis=1)
@@ -99,5 +99,5 @@ def fit_with_sysid(data: WeightedData, hypothesis: Hypothesis, start: Array) -> 
     )
     x = np.asarray(solution.as_vector())
     (residuals,) = data.compute_residuals(hypothesis, [x], may_diverge=True)
-    weighted = np.concatenate([data.weight_residuals(residuals), x[: hypothesis.n_device_parameters]])
+    weighted = np.concatenate([data.weight_residuals(residuals), x[: hypothesis.n_prior_parameters]])
     return Fit(hypothesis, x, weighted, np.asarray(result.jac), True, residuals)

@@ -32,9 +32,9 @@ from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelecti
 from klute_sim.diagnosis.selection.robustness import (
     EquivalentModel,
     check_convergence,
-    check_names,
     find_equivalent_models,
     find_smaller_model,
+    refine_and_simplify,
 )
 from klute_sim.types import ProgressCallback
 
@@ -73,10 +73,10 @@ def select_complete_model(
     if free_model is not None and free_model.difference < -DECISIVE_MARGIN * search.bic_threshold:
         return _refuse_names(search, base_fit, final_fit, free_model, options)
     progress(0.65, "restarting the fit from another point")
-    final_fit, has_converged = check_names(search, final_fit, np.random.default_rng(options.seed))
+    final_fit, has_converged = refine_and_simplify(search, final_fit, np.random.default_rng(options.seed))
     smaller_fit = find_smaller_model(search, final_fit)
     if smaller_fit is not None:
-        checked = check_names(search, smaller_fit, np.random.default_rng(options.seed))
+        checked = refine_and_simplify(search, smaller_fit, np.random.default_rng(options.seed))
         if not find_terms_at_bound(checked[0]):
             final_fit, has_converged = checked
     progress(0.7, "searching for equivalent models")
@@ -85,7 +85,7 @@ def select_complete_model(
         equivalent_models[0].difference < -search.bic_threshold or find_terms_at_bound(final_fit)
     ):
         better_fit = equivalent_models[0].fit
-        final_fit, has_converged = check_names(search, better_fit, np.random.default_rng(options.seed))
+        final_fit, has_converged = refine_and_simplify(search, better_fit, np.random.default_rng(options.seed))
         equivalent_models = find_equivalent_models(search, final_fit)
     free_model = find_free_model(search, base_fit, final_fit, options.exclude)
     if free_model is not None and free_model.difference < -search.bic_threshold:
@@ -369,7 +369,7 @@ def _describe_proxies(final_fit: Fit) -> list[str]:
     return [f"Only a proxy was identified: {proxies} explains a part of the misfit."] if proxies else []
 
 
-def doubt_absent_effect(selected: FinalModel) -> FinalModel:
+def demote_absent_effect(selected: FinalModel) -> FinalModel:
     """Return ``selected``, unexplained where the interval of an identified effect contains its absence.
 
     With an imperfect law the intervals hold the scatter of the effect between conditions, and predictions decide.

@@ -47,7 +47,7 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
     if diagnosis.evaluated_on == "test":
         misfits = _select_unseen(diagnosis, estimate_misfit(evaluated.experiments, residuals, data.noise))
         if misfits and diagnosis.verdict in DEMOTED_VERDICTS:
-            judge_misfit(diagnosis, misfits, is_absorbed=do_numbers_absorb(diagnosis, data, evaluated.experiments))
+            judge_misfit(diagnosis, misfits, is_absorbed=can_numbers_absorb(diagnosis, data, evaluated.experiments))
         if diagnosis.added_terms:
             judge_names(diagnosis)
         if NOMINAL_MODEL not in diagnosis.diverged_trials:
@@ -92,7 +92,7 @@ def _select_unseen(diagnosis: Diagnosis, misfits: Mapping[str, Misfit]) -> dict[
     }
 
 
-def do_numbers_absorb(diagnosis: Diagnosis, data: WeightedData, test_experiments: Sequence[Experiment]) -> bool:
+def can_numbers_absorb(diagnosis: Diagnosis, data: WeightedData, test_experiments: Sequence[Experiment]) -> bool:
     """Return whether the final model explains all trials to the noise once its numbers are fitted to all of them.
 
     Then the fitted trials do not determine the numbers well enough for the test trials, and nothing speaks against the

@@ -21,7 +21,7 @@ from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.final_model import (
     FinalModel,
-    doubt_absent_effect,
+    demote_absent_effect,
     select_complete_model,
     select_decisive_term,
     select_imperfect_model,
@@ -120,7 +120,7 @@ def _run_workflow(
         dataset.tolerance,
     )
     selected = _select_model(search, experiments, base_fit, options, progress)
-    selected = doubt_absent_effect(selected)
+    selected = demote_absent_effect(selected)
     if quantizers and "quantisation" not in options.exclude:
         sentences = [_describe_quantization(c, q) for c, q in quantizers.items()]
         verdict = "identified" if selected.verdict == "nothing-missing" else selected.verdict

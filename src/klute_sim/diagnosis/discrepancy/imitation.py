@@ -32,7 +32,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     is_as_good,
 )
 from klute_sim.diagnosis.selection.predictive_selection import (
-    COMPARISON_ROUNDS,
+    COMPARISON_MAX_NFEV,
     MAX_RIVAL_RATIO,
     PredictiveSelection,
 )
@@ -136,7 +136,7 @@ def _extend(
         if not sizes or len(support.term.parameter_keys) in sizes:
             hypothesis = current.hypothesis.with_term(support.term)
             yield selection.assess(
-                fit_hypothesis(selection.data, hypothesis, support.x0, max_nfev=COMPARISON_ROUNDS[-1])
+                fit_hypothesis(selection.data, hypothesis, support.x0, max_nfev=COMPARISON_MAX_NFEV[-1])
             )
 
 
@@ -188,7 +188,7 @@ def _list_reading_functions(selection: PredictiveSelection, base_fit: Fit, chann
                 own, other = e.measured[channel].time, e.measured[name].time
                 values[channel] = np.interp(own, other, row[name]) / CHANNEL_UNITS[name][1] * unit[1]
             rows.append(values)
-        priors = np.zeros(base_fit.hypothesis.n_device_parameters)
+        priors = np.zeros(base_fit.hypothesis.n_prior_parameters)
         label = f"{unit[0]} per {CHANNEL_UNITS[name][0]} of '{name}'" if name else unit[0]
         library.append(ReadingFunction(label, np.concatenate([-data.weight_residuals(rows), priors])))
     return library

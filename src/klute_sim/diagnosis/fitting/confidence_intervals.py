@@ -94,7 +94,7 @@ def compute_noise_errors(data: WeightedData, fit: Fit, pseudoinverse: Array) -> 
     interval uses Student's t with the degrees of freedom of the sum.
     """
     groups = _group_influences(data, fit, pseudoinverse)
-    n_priors = fit.hypothesis.n_device_parameters
+    n_priors = fit.hypothesis.n_prior_parameters
     prior_variances = (pseudoinverse[:, pseudoinverse.shape[1] - n_priors :] ** 2).sum(axis=1)
     half_widths = np.zeros(len(pseudoinverse))
     for estimate in (estimate_spectral_variances, estimate_block_variances):
@@ -127,7 +127,7 @@ def _make_residual_function(data: WeightedData, fit: Fit) -> ResidualFunction:
                 for index, row in zip(indices, rows, strict=True)
             ]
             change = data.weight_residuals([changes[position] for position in positions])
-            vectors.append(fit.weighted_residuals + np.append(change, (x - fit.x)[: hypothesis.n_device_parameters]))
+            vectors.append(fit.weighted_residuals + np.append(change, (x - fit.x)[: hypothesis.n_prior_parameters]))
         return vectors
 
     def differentiate(x: Array) -> Array:

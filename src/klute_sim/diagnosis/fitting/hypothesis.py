@@ -204,7 +204,7 @@ class Hypothesis:
         )
 
     @property
-    def n_device_parameters(self) -> int:
+    def n_prior_parameters(self) -> int:
         """Number of declared uncertain numbers and registration errors.
 
         They come first and have normal priors of mean 0 and standard deviation 1.

@@ -204,7 +204,7 @@ class Fit:
 
     def bic(self, n_effective: float) -> float:
         """Return the Bayesian information criterion for ``n_effective`` independent samples, up to a constant."""
-        return self.chi2 + (len(self.x) - self.hypothesis.n_device_parameters) * float(np.log(n_effective))
+        return self.chi2 + (len(self.x) - self.hypothesis.n_prior_parameters) * float(np.log(n_effective))
 
 
 def fit_hypothesis(
@@ -283,7 +283,7 @@ def _solve(
     if coarse and last @ last > first @ first + MAX_CHI2_RISE:  # the error of coarse simulations changed too much
         return _solve(data, hypothesis, x0, jac, max_nfev, coarse=False)
     final_jacobian = np.asarray(result.jac)
-    n_priors = hypothesis.n_device_parameters
+    n_priors = hypothesis.n_prior_parameters
     final_jacobian[len(last) - n_priors :] = np.eye(n_priors, len(hypothesis.parameters))
     return Fit(hypothesis, result.x, last, final_jacobian, result.status > 0, last_residuals)
 
@@ -300,7 +300,7 @@ def compute_jacobian(data: WeightedData, hypothesis: Hypothesis, x: Array, *, co
     It consists of one-sided differences within the bounds, in one batch. A parameter whose small change makes a
     simulation diverge gets a derivative of 0: it stays where it is.
     """
-    n_priors = hypothesis.n_device_parameters
+    n_priors = hypothesis.n_prior_parameters
     signs = np.where(x + FINITE_DIFFERENCE_STEP > hypothesis.bounds()[1], -1.0, 1.0)
     points = [x + FINITE_DIFFERENCE_STEP * sign * unit for sign, unit in zip(signs, np.eye(len(x)), strict=True)]
     before, *after = (hypothesis.build_setups(point, data.experiments) for point in (x, *points))
@@ -356,4 +356,4 @@ class _LeastSquaresProblem:
         return [self._assemble(x, residuals) for x, residuals in zip(points, rows, strict=True)]
 
     def _assemble(self, x: Array, residuals: Residuals) -> Array:
-        return np.concatenate([self._data.weight_residuals(residuals), x[: self._hypothesis.n_device_parameters]])
+        return np.concatenate([self._data.weight_residuals(residuals), x[: self._hypothesis.n_prior_parameters]])

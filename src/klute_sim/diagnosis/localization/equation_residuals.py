@@ -102,7 +102,7 @@ def compute_equation_residuals(data: WeightedData, final_fit: Fit) -> list[Equat
     """
     experiments, hypothesis = data.experiments, final_fit.hypothesis
     base = replace(hypothesis, terms=())
-    setups = base.build_setups(final_fit.x[: base.n_device_parameters], experiments)
+    setups = base.build_setups(final_fit.x[: base.n_prior_parameters], experiments)
     series = [_compute_series(e, setup) for e, setup in zip(experiments, setups, strict=True)]
     residuals = [{name: equation.value for name, equation in trial.items()} for trial in series]
     trials = [replace(e, measured=trial) for e, trial in zip(experiments, series, strict=True)]

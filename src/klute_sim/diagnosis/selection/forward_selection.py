@@ -19,7 +19,7 @@ from klute_sim.diagnosis.selection.naming import (
     IMPLAUSIBLE_REASON,
     UNRESOLVED_REASON,
     find_implausible_instrument,
-    find_impossible_parts,
+    find_infeasible_terms,
     find_unresolved_delay,
 )
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
@@ -204,21 +204,21 @@ class ForwardSelection:
         candidates: Sequence[Candidate],
         bic_goal: float = np.inf,
         *,
-        rounds: Sequence[int] = REFIT_MAX_NFEV,
+        max_nfev_by_round: Sequence[int] = REFIT_MAX_NFEV,
     ) -> list[Fit]:
         """Return fits of ``current`` with each of ``candidates`` added, best first.
 
-        Candidates that lag behind the best one, or behind ``bic_goal``, are not fitted to the end. ``rounds`` are the
-        maximum numbers of function evaluations of each round.
+        Candidates that lag behind the best one, or behind ``bic_goal``, are not fitted to the end.
+        ``max_nfev_by_round`` holds the maximum number of function evaluations of each round.
         """
         fits = []
         for index, candidate in enumerate(candidates):
             self.report_stage(f"fitting {candidate.term} ({index + 1} of {len(candidates)})")
             hypothesis = current.hypothesis.with_term(candidate.term)
             x0 = self._initial_guess(current, candidate)
-            fits.append(fit_hypothesis(self.data, hypothesis, x0, max_nfev=rounds[0]))
+            fits.append(fit_hypothesis(self.data, hypothesis, x0, max_nfev=max_nfev_by_round[0]))
         dropped: list[Fit] = []
-        for max_nfev, lag_fraction in zip(rounds[1:], MAX_BIC_LAG_FRACTIONS, strict=False):
+        for max_nfev, lag_fraction in zip(max_nfev_by_round[1:], MAX_BIC_LAG_FRACTIONS, strict=False):
             if not fits:
                 break
             best_bic = min([bic_goal, *map(self._bic, fits)])
@@ -261,7 +261,7 @@ class ForwardSelection:
         Coarse simulations predict how the residuals of ``current`` change.
         """
         clipped = [np.clip(start, *hypothesis.bounds()) for start in starts]
-        n_device, experiments = hypothesis.n_device_parameters, self.data.experiments
+        n_device, experiments = hypothesis.n_prior_parameters, self.data.experiments
         before = current.hypothesis.build_setups(current.x, experiments)
         after = [hypothesis.build_setups(x, experiments) for x in clipped]
         residual = self.data.weight_residuals(current.residuals)
@@ -315,7 +315,7 @@ class ForwardSelection:
         term = after.hypothesis.terms[-1]
         if after.has_diverged or not np.isfinite(list(validation_gains.values())).all():
             return f"{term}: {DIVERGENCE_REASON}"
-        flaw = find_impossible_parts(after).get(term)
+        flaw = find_infeasible_terms(after).get(term)
         if flaw:
             return f"{term} {flaw}"
         if find_unresolved_delay(self.data, after) == term:

@@ -34,7 +34,7 @@ def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
     A parameter at its bound says that the effect is something else, or that it is absent. ``data`` provide the ranges
     of the channels.
     """
-    for term, flaw in find_impossible_parts(fit).items():
+    for term, flaw in find_infeasible_terms(fit).items():
         return f"{term} {flaw}"
     for term, parameter, bound in _iterate_bounds_reached(fit):
         return f"{term} has '{parameter.name}' at its bound, {parameter.denormalize(bound):.4g}"
@@ -45,7 +45,7 @@ def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
     return f"{unresolved} {UNRESOLVED_REASON}" if unresolved else ""
 
 
-def find_impossible_parts(fit: Fit) -> dict[EffectTerm, str]:
+def find_infeasible_terms(fit: Fit) -> dict[EffectTerm, str]:
     """Return the terms of ``fit`` whose parameters no part has, each with the reason, without a full stop."""
     rows = list(zip(fit.hypothesis.parameters, fit.values, strict=True))
     flaws = {}

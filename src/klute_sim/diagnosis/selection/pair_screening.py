@@ -13,7 +13,7 @@ MIN_DETERMINANT = 0.05
 """Smallest determinant of a pair's cosines; below, the two effects are one to these data."""
 MAX_REFITTED_PAIRS = 6
 """Largest number of pairs that are refitted."""
-REFIT_ROUNDS = (5,)
+PAIR_MAX_NFEV = (5,)
 """Maximum number of function evaluations of these refits."""
 
 
@@ -80,12 +80,12 @@ def has_complete_pair(search: ForwardSelection, base_fit: Fit, min_predicted_gai
     candidates = search.history[0].candidates
     pairs = [pair for pair in screen_pairs(base_fit, candidates) if pair.predicted_gain >= min_predicted_gain]
     for pair in pairs[:MAX_REFITTED_PAIRS]:
-        first_fit = search.refit_candidates(base_fit, [pair.first], rounds=REFIT_ROUNDS)[0]
+        first_fit = search.refit_candidates(base_fit, [pair.first], max_nfev_by_round=PAIR_MAX_NFEV)[0]
         if first_fit.has_diverged:
             continue
         # Beside the first effect, the second one begins elsewhere than alone.
         second = screen_candidates(search.data, first_fit, [pair.second.term])
-        fits = search.refit_candidates(first_fit, second, rounds=REFIT_ROUNDS)
+        fits = search.refit_candidates(first_fit, second, max_nfev_by_round=PAIR_MAX_NFEV)
         if any(not fit.has_diverged and not search.has_misfit(fit) for fit in fits):
             return True
     return False

@@ -44,7 +44,7 @@ from klute_sim.types import Array, Mask
 
 MAX_SINGLES, MAX_PAIRS, MAX_TRIPLES = 6, 6, 4
 """Largest number of models with one, two and three terms that are fitted."""
-COMPARISON_ROUNDS = (5,)
+COMPARISON_MAX_NFEV = (5,)
 """Maximum number of function evaluations of the fits that are compared first."""
 MAX_LEADING, MAX_FINISHED = 4, 8
 """Number of leading models that are fitted to the end before the decision, and largest number of such fits and of
@@ -133,7 +133,7 @@ class PredictiveSelection:
         return self._decide_refined(base, models)
 
     def _refit(self, current: Fit, candidates: Sequence[Candidate]) -> list[Fit]:
-        return self.search.refit_candidates(current, candidates, rounds=COMPARISON_ROUNDS)
+        return self.search.refit_candidates(current, candidates, max_nfev_by_round=COMPARISON_MAX_NFEV)
 
     def _extend(self, current: Fit, terms: Sequence[EffectTerm], fits: dict[frozenset[EffectTerm], Fit]) -> None:
         """Add to ``fits`` the refits of ``current`` with each of ``terms``."""
@@ -215,7 +215,7 @@ class PredictiveSelection:
             for index, (e, weights) in enumerate(zip(self.data.experiments, self.data.weights, strict=True))
             for channel in weights
         ]
-        return np.concatenate([*rows, np.ones(hypothesis.n_device_parameters, dtype=np.bool_)])
+        return np.concatenate([*rows, np.ones(hypothesis.n_prior_parameters, dtype=np.bool_)])
 
     def _leave_out(self, fit: Fit, fold: Sequence[FoldPart]) -> Array:
         """Return the normalized parameters of ``fit`` without ``fold``, by one linear step in bounds."""

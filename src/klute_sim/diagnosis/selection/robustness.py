@@ -116,7 +116,7 @@ def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_
     return not search.rejection_reason(reduced_fit, rival, search.compute_validation_gains(reduced_fit, rival))
 
 
-def check_names(search: ForwardSelection, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
+def refine_and_simplify(search: ForwardSelection, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
     """Return ``best_fit`` as :func:`check_convergence` does.
 
     Effects that end with a parameter at a bound have their simplest form, unless it shows a misfit.
@@ -125,7 +125,7 @@ def check_names(search: ForwardSelection, best_fit: Fit, rng: np.random.Generato
     simplified = simplify_at_bound(search.data, fit)
     if simplified is fit or search.has_misfit(simplified):
         return fit, has_converged
-    return check_names(search, simplified, rng)
+    return refine_and_simplify(search, simplified, rng)
 
 
 def check_convergence(data: WeightedData, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:

@@ -189,7 +189,7 @@ def screen_candidates(
     that size. Where numbers of the device deviate far from their priors, the missing effect may be the reason, so
     effects are also probed at the priors.
     """
-    n_known, n_device = len(current.x), current.hypothesis.n_device_parameters
+    n_known, n_device = len(current.x), current.hypothesis.n_prior_parameters
     current_point = _LinearizationPoint(current.x, current.weighted_residuals, current.jacobian)
     sizes = (PROBE_FRACTION, *SUPPLY_PROBES) if is_supply_only(data.experiments) else (PROBE_FRACTION,)
     probes = [
@@ -267,7 +267,7 @@ def _evaluate_probes(
             report_divergence(term)
             continue
         # The linear part of the shift's influence is subtracted; the projection would remove it anyway.
-        change = np.concatenate([data.weight_residuals(changes), shift[: hypothesis.n_device_parameters]])
+        change = np.concatenate([data.weight_residuals(changes), shift[: hypothesis.n_prior_parameters]])
         sensitivity = (change - point.jacobian @ shift) / probe_size
         orthogonal = sensitivity - basis @ (basis.T @ sensitivity)
         norm, full_norm = float(np.linalg.norm(orthogonal)), float(np.linalg.norm(sensitivity))
