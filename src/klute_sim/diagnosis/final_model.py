@@ -68,7 +68,7 @@ def select_complete_model(
     Such an effect takes a simpler form; if no simpler form reaches the noise, an equivalent model takes its place.
     """
     data = search.data
-    progress(0.6, "comparing the names with a free term")
+    progress(0.6, "comparing the effects with a data-driven term")
     free_model = find_free_model(search, base_fit, final_fit, options.exclude)
     if free_model is not None and free_model.difference < -DECISIVE_MARGIN * search.bic_threshold:
         return _refuse_names(search, base_fit, final_fit, free_model, options)
@@ -123,7 +123,7 @@ def select_decisive_term(
     """
     if not search.has_repeats:
         return None
-    progress(0.5, "comparing the names with a free term")
+    progress(0.5, "comparing the effects with a data-driven term")
     decisive = find_decisive_term(search, base_fit, final_fit, options.exclude)
     if decisive is None:
         return None
@@ -222,14 +222,14 @@ def select_imperfect_model(
 
     ``base_fit`` is the fit of ``search`` without added effects.
     """
-    progress(0.7, "comparing the names with a data-driven term")
+    progress(0.7, "comparing the effects with a data-driven term")
     free_model, free_rival = compare_with_free_models(search, base_fit, selection, result, options.exclude)
     if free_model is not None:
         reason = (
             f"A data-driven term of the same size {free_model.description} predicts better: it leaves "
-            f"{100.0 * free_model.error / result.base.error:.1f} % of the squared error, the names "
+            f"{100.0 * free_model.error / result.base.error:.1f} % of the squared error, the effects "
             f"{100.0 * result.chosen.error / result.base.error:.1f} %. The missing effect is not in the catalogue, and "
-            "these names only imitate it."
+            "these effects only imitate it."
         )
         free_fit = base_fit  # no device file holds a term in a reading
         if free_model.fit is not None:
@@ -243,7 +243,7 @@ def select_imperfect_model(
     reasons = decision.reasons
     if free_rival is not None and free_rival.fit is not None:
         reason = (
-            f"A data-driven term no larger than the names {free_rival.description} would predict as well, from "
+            f"A data-driven term no larger than the effects, {free_rival.description}, would predict as well, from "
             "elsewhere: the missing effect may be there, and in no catalogue."
         )
         reasons = [*reasons, reason]
@@ -288,7 +288,7 @@ def _refuse_names(
     reason = (
         f"{_list_names(base_fit, named_fit)} would explain the data to the noise, but a data-driven term in one "
         f"equation explains them better (BIC is lower by {-free_model.difference:.0f}): the missing effect is not "
-        "in the catalogue, and these names only imitate it."
+        "in the catalogue, and these effects only imitate it."
     )
     return _replace_names(search, base_fit, free_model.fit, [reason], options)
 

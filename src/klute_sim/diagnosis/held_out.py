@@ -23,7 +23,7 @@ MIN_SHARE_FRACTION = 0.5
 (assumed)."""
 MAX_UNSEEN_MISFIT = 1.0
 """Largest misfit of the test trials, over the noise, with which nothing is missing (assumed: other trials may show a
-quarter of the noise, and test trials may go where those have not been)."""
+quarter of the noise, and test trials may cover conditions that no other trial covers)."""
 DEMOTED_VERDICTS: Mapping[Verdict, Verdict] = {"nothing-missing": "unexplained", "identified": "identified-in-part"}
 """Verdict that denies a misfit of the test trials -> verdict that does not."""
 NOMINAL_MODEL, BASE_MODEL, FINAL_MODEL = "the declared numbers", "the refitted numbers", "the added effects"
@@ -116,14 +116,14 @@ def judge_misfit(diagnosis: Diagnosis, misfits: Mapping[str, Misfit], *, is_abso
     if is_absorbed:
         diagnosis.reasons.append(
             f"{observation} with the fitted numbers, and none if the numbers are fitted to them as well: the other "
-            "trials do not determine the numbers well enough. Give such trials to the fit."
+            "trials do not determine the numbers well enough. Set use = 'fit' for some of them."
         )
         return
     diagnosis.verdict = DEMOTED_VERDICTS[diagnosis.verdict]
     diagnosis.reasons.insert(
         0,
-        f"{observation}, which the other trials do not show: the test may go where they have not been. Give such "
-        "trials to the fit as well.",
+        f"{observation}, which the other trials do not show: the test trials may cover conditions that no other trial "
+        "covers. Set use = 'fit' for some of them.",
     )
 
 
@@ -146,12 +146,12 @@ def judge_names(diagnosis: Diagnosis) -> None:
     if diagnosis.verdict in ("identified", "identified-in-part", "indistinguishable") and not is_confirmed:
         diagnosis.verdict = "unexplained"
         sentence = (
-            "The test trials do not confirm the names: the gap does not shrink there as it did on the other trials."
+            "The test trials do not confirm the effects: the gap does not shrink there as it did on the other trials."
         )
         if diagnosis.is_worse_on_test:
             sentence = (
-                "The test trials refute the names: the refitted device without effects predicts them better, and it is "
-                "the one that is recommended."
+                "The test trials refute the effects: the refitted device without effects predicts them better, and it "
+                "is the one that is recommended."
             )
         diagnosis.reasons.insert(0, sentence)
     elif diagnosis.is_worse_on_test:

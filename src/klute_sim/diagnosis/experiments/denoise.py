@@ -60,10 +60,10 @@ def estimate_white_noise(time: Array, value: Array) -> float:
 def denoise(time: Array, value: Array) -> Array:
     """Return ``value`` (n,), sampled at ``time`` [s] (n,), without white noise.
 
-    Outside of holds no sample changes by more than :data:`CONFIDENCE_SIGMAS` standard deviations of the noise, and in
-    holds by no more than its own noise. A signal with a few other intervals is smoothed at even times, between which it
-    is interpolated linearly, as in the simulation; of an irregular one only the holds are. A signal shorter than two
-    windows is returned unchanged.
+    Outside of holds no sample changes by more than :data:`CONFIDENCE_SIGMAS` standard deviations of the noise
+    (:data:`MAX_CHANGE_SIGMAS` in an unevenly sampled signal), and in holds by no more than its own noise. A signal with
+    a few other intervals is smoothed at even times, between which it is interpolated linearly, as in the simulation; of
+    an irregular one only the holds are. A signal shorter than two windows is returned unchanged.
     """
     windows = [window for window in WINDOW_SIZES if 2 * window <= len(value)]
     deviation = estimate_white_noise(time, value)

@@ -24,8 +24,8 @@ from klute_sim.types import Array
 MIN_VARIANCE_FRACTION = 0.05
 """Lower limit of the variance, as a fraction of its mean (assumed)."""
 INPUT_ERROR_SIGMAS = 8.0
-"""Standard deviations of noise that the difference between two courses of the inputs counts as: twice the inverse of
-the smallest misfit that is relevant, because the true course may differ more."""
+"""Factor on the difference between two interpolations of the inputs, which then counts as noise: twice the inverse of
+the smallest relevant misfit (a quarter of the noise), because the true course may differ more."""
 MAX_REPEATED_RATIO = 1.5
 """Ratio of the stated variance to that between repeats above which repeats share a part of it (assumed: repeats measure
 their variance to within a half)."""
@@ -95,8 +95,8 @@ def _describe_slow_inputs(experiments: Sequence[Experiment]) -> list[str]:
         return []
     names = f"'{slow[0]}'" if len(slow) == 1 else f"{len(slow)} trials"
     return [
-        f"Between the logged inputs of {names} more may have happened than a straight line shows; samples that this "
-        "could change count less. Record the inputs faster."
+        f"The inputs of {names} are sampled too slowly: samples that depend on how the inputs are interpolated count "
+        "less. Record the inputs faster."
     ]
 
 

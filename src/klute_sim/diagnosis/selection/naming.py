@@ -139,17 +139,17 @@ def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, valu
     return True
 
 
-def list_kinds(names: Iterable[EffectTerm]) -> list[str]:
+def list_kinds(terms: Iterable[EffectTerm]) -> list[str]:
     """Return the kinds of causes among ``names``: a number, or an effect of device, mechanism, body or instrument."""
-    return sorted({"number" if term.number else term.effect_definition.kind for term in names})
+    return sorted({"number" if term.number else term.effect_definition.kind for term in terms})
 
 
-def describe_coincidence(names: Iterable[EffectTerm]) -> str:
-    """Return why ``names`` of :data:`MIN_COINCIDENT_KINDS` kinds at once are not named; '' for fewer kinds."""
-    kinds = list_kinds(names)
+def describe_coincidence(terms: Iterable[EffectTerm]) -> str:
+    """Return why ``terms`` of :data:`MIN_COINCIDENT_KINDS` kinds at once are not named; '' for fewer kinds."""
+    kinds = list_kinds(terms)
     if len(kinds) < MIN_COINCIDENT_KINDS:
         return ""
     return (
-        f"The names are of {len(kinds)} kinds at once ({', '.join(kinds)}). Each may fill up what the others leave of "
-        "one missing effect, so they are proxies; measure one of them alone."
+        f"Causes of {len(kinds)} kinds would be needed at once ({', '.join(kinds)}). Together they may imitate one "
+        "missing effect, so they are proxies; measure one of them alone."
     )

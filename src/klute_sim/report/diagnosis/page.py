@@ -364,7 +364,7 @@ def _list_limitations(diagnosis: Diagnosis) -> list[str]:
                 "Predictions of the result: there are no usable test trials, so the gap is that of fitted trials."
             )
         if diagnosis.has_input_weights:
-            limitations.append(f"What happened between samples of the inputs. {words.describe_weights(diagnosis)}")
+            limitations.append(f"Changes of the inputs between their samples. {words.describe_weights(diagnosis)}")
     measured = {channel for trial in diagnosis.dataset.trials for channel in trial.measured}
     missing = [
         words.humanize_identifier(channel)

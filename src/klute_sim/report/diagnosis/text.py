@@ -266,7 +266,7 @@ def describe_weights(diagnosis: Diagnosis) -> str:
     """Return in one sentence why the gap is smaller than that of a figure; '' where all samples count equally."""
     if not diagnosis.has_input_weights:
         return ""
-    return "Samples count less where the result depends on what the inputs did between their samples; figures show all."
+    return "Samples that depend on how the inputs are interpolated count less; figures show all."
 
 
 def describe_next_step(diagnosis: Diagnosis) -> str:
