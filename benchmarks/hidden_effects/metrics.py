@@ -59,7 +59,6 @@ class ParameterInterval(NamedTuple):
     """One parameter of a correctly identified effect."""
 
     key: str
-    true_value: float
     relative_error: float
     """Error relative to the distance from neutral."""
     is_covered: bool
@@ -405,9 +404,7 @@ def iter_parameter_intervals(rows: Iterable[DatasetResult]) -> Iterator[Paramete
             for (_, estimate), (key, value) in values:  # a fault's numbers are called otherwise there
                 neutral = parameters[key].neutral or 0.0
                 error = abs(estimate["value"] - value) / abs(value - neutral)
-                yield ParameterInterval(
-                    f"{true['name']}.{key}", value, error, estimate["low"] <= value <= estimate["high"]
-                )
+                yield ParameterInterval(f"{true['name']}.{key}", error, estimate["low"] <= value <= estimate["high"])
 
 
 def _is_same_effect(reported: Mapping[str, Any], true: Mapping[str, Any]) -> bool:

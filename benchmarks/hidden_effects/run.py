@@ -67,13 +67,15 @@ FOLLOW_UP_MAKERS: Mapping[str, Callable[..., None]] = {
 
 def compute_code_digest(rig: str = "bench") -> str:
     """Return the digest of all code that determines a verdict on ``rig`` (``bench``, ``gait`` or ``joint``)."""
-    parts = ("laws", "effects", "device", "datasets", "bench", "diagnosis")
-    parts += {"bench": (), "gait": ("gait/replay",), "joint": ("mechanism", "plant")}[rig]
-    files = sorted(file for part in parts for file in (ROOT / "src" / "klute_sim" / part).rglob("*.py"))
+    package = ROOT / "src" / "klute_sim"
+    parts = ("files", "laws", "effects", "device", "datasets", "bench", "plant", "diagnosis")
+    parts += {"bench": (), "gait": ("gait/replay",), "joint": ("mechanism",)}[rig]
+    files = sorted(file for part in parts for file in (package / part).rglob("*.py"))
+    files += [package / module for module in ("constants.py", "parameters.py", "units.py")]
     if rig == "joint":
         files.append(ROOT / "models" / "antagonist_joint.xml")
     if rig == "gait":
-        gait = ROOT / "src" / "klute_sim" / "gait"
+        gait = package / "gait"
         files += [gait / "rig" / "build.py", gait / "body.py", ROOT / "models" / "ankle.xml"]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:DIGEST_LENGTH]
 

@@ -11,6 +11,7 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.localization.misfit_map import MAX_HELD_SPEED_FRACTION, label_samples, map_misfit
+from klute_sim.diagnosis.noise.misfit import is_significant
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats
 
@@ -38,7 +39,7 @@ def map_force_misfit(size: float, region: str) -> dict[str, tuple[float, bool]]:
     weighted = data.weight_residuals(residuals)
     cells = map_misfit(data, Fit(hypothesis, np.zeros(0), weighted, np.empty((len(weighted), 0)), True, residuals))
     simulator.close()
-    return {cell.region: (cell.misfit.rms / cell.misfit.noise_rms, cell.is_significant) for cell in cells}
+    return {cell.region: (cell.misfit.rms / cell.misfit.noise_rms, is_significant(cell.misfit)) for cell in cells}
 
 
 @pytest.mark.parametrize("region", ["lengthening, steady pressure", "shortening, steady pressure"])

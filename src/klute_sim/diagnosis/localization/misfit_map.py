@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.localization.misfit_regions import MAX_STEADY_PRESSURE_RATE, sample_conditions
-from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
+from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit
 from klute_sim.diagnosis.noise.repeats import AlignedRepeats
 from klute_sim.types import Array, Mask
 
@@ -34,11 +34,6 @@ class MapCell(NamedTuple):
     """Condition."""
     misfit: Misfit
     """Misfit that all repeats share there."""
-
-    @property
-    def is_significant(self) -> bool:
-        """Whether the misfit is significant."""
-        return is_significant(self.misfit)
 
 
 def map_misfit(data: WeightedData, fit: Fit) -> list[MapCell]:
