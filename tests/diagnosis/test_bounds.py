@@ -116,7 +116,7 @@ def test_complete_model_at_a_bound_is_not_named(
     def find_models(search: ForwardSelection, fit: Fit) -> list[EquivalentModel]:
         return [EquivalentModel(other, 3.0)] if has_equivalent and fit is at_bound else []
 
-    monkeypatch.setattr(final_model, "find_free_model", lambda *_: None)
+    monkeypatch.setattr(final_model, "find_data_driven_rival", lambda *_: None)
     monkeypatch.setattr(final_model, "refine_and_simplify", lambda search, fit, rng: (fit, True))
     monkeypatch.setattr(final_model, "find_equivalent_models", find_models)
     monkeypatch.setattr(final_model, "_decide_verdict", lambda *_: (verdict, []))

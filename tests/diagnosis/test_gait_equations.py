@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from klute_sim.diagnosis.discrepancy.sparse_regression import fit_discrepancy_term, format_formula
+from klute_sim.diagnosis.discrepancy.sparse_regression import add_data_driven_term, format_formula
 from klute_sim.diagnosis.experiments.base import BodyEdit
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
@@ -75,7 +75,7 @@ def test_unknown_moment_becomes_a_formula(simulator: Simulator) -> None:
     data, nominal = walk.weight_walks(walks, simulator)
     base_fit = fit_hypothesis(data, nominal)
     search = ForwardSelection(data, [], [], has_repeats=True)
-    result = fit_discrepancy_term(search, base_fit, base_fit, compute_equation_residuals(data, base_fit))
+    result = add_data_driven_term(search, base_fit, base_fit, compute_equation_residuals(data, base_fit))
     assert result.equation == "ankle"
     assert result.fit is not None
     assert not search.has_misfit(result.fit)

@@ -8,7 +8,7 @@ import pytest
 
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.discrepancy import imitation
-from klute_sim.diagnosis.discrepancy.imitation import FreeComparison, compare_with_free_models
+from klute_sim.diagnosis.discrepancy.imitation import DataDrivenComparison, compare_with_data_driven_models
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
@@ -16,7 +16,7 @@ from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
 from klute_sim.units import BAR
-from tests.diagnosis.test_free_term import add_terms
+from tests.diagnosis.test_data_driven_rival import add_terms
 from tests.diagnosis.test_sparse_regression import create_search
 
 pytestmark = pytest.mark.slow
@@ -45,7 +45,7 @@ def add_cross_talk(experiment: Experiment) -> Experiment:
     return replace(experiment, measured={**experiment.measured, "force": TimeSeries(force.time, force.value + part)})
 
 
-def judge(search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, ...] = ()) -> FreeComparison:
+def judge(search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, ...] = ()) -> DataDrivenComparison:
     """Return the data-driven terms beside the names of ``named``, whose error is that of the law, with all trials of
     ``search``."""
     data = weight_by_law_error(search.data, search.data.experiments, named.residuals)
@@ -57,23 +57,23 @@ def judge(search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, .
     result = PredictiveResult(
         base_model, chosen, [], [chosen, base_model], stability, share, noise, selection.fold_kind, len(selection.folds)
     )
-    return compare_with_free_models(search, base, selection, result, exclude)
+    return compare_with_data_driven_models(search, base, selection, result, exclude)
 
 
 def test_imitations_of_a_missing_friction_are_refused(with_friction: tuple[ForwardSelection, Fit]) -> None:
     search, base = with_friction
     imitation = add_terms(search, base, SEAL_FRICTION, DAMPING)
-    free_model = judge(search, base, imitation).better
-    assert free_model is not None
-    assert "in one equation (F += " in free_model.description
-    assert "N p d" in free_model.description
-    assert free_model.fit is not None
+    data_driven_model = judge(search, base, imitation).better
+    assert data_driven_model is not None
+    assert "in one equation (F += " in data_driven_model.description
+    assert "N p d" in data_driven_model.description
+    assert data_driven_model.fit is not None
     assert judge(search, base, imitation, ("unknown_force",)).better is None
 
 
 def test_true_name_stands(with_friction: tuple[ForwardSelection, Fit]) -> None:
     search, base = with_friction
-    assert judge(search, base, add_terms(search, base, BRAID_FRICTION)) == FreeComparison()
+    assert judge(search, base, add_terms(search, base, BRAID_FRICTION)) == DataDrivenComparison()
 
 
 def test_term_elsewhere_that_predicts_as_well_is_a_rival(
@@ -93,11 +93,11 @@ def test_cross_talk_into_the_load_cell_is_found(clean: tuple[ForwardSelection, F
     data = search.data.with_experiments([add_cross_talk(e) for e in search.data.experiments])
     base = fit_hypothesis(data, clean_base.hypothesis, clean_base.x)
     disturbed = replace(search, data=data, history=[])
-    free_model = judge(disturbed, base, add_terms(disturbed, base, SEAL_FRICTION)).better
-    assert free_model is not None
-    assert free_model.fit is None
-    assert "in the reading of 'force'" in free_model.description
-    coefficient, unit = free_model.description.split("(+")[1].split(" ", 1)
+    data_driven_model = judge(disturbed, base, add_terms(disturbed, base, SEAL_FRICTION)).better
+    assert data_driven_model is not None
+    assert data_driven_model.fit is None
+    assert "in the reading of 'force'" in data_driven_model.description
+    coefficient, unit = data_driven_model.description.split("(+")[1].split(" ", 1)
     assert float(coefficient) == pytest.approx(CROSS_TALK_N_PER_BAR, rel=0.15)  # by one linear step
     assert unit == "N per bar of 'pressure')"
 

@@ -10,8 +10,8 @@ import pytest
 from klute_sim.api.diagnosis import load_dataset
 from klute_sim.datasets.dataset import split_dataset
 from klute_sim.device.device import Device, load_device, parse_device
-from klute_sim.diagnosis.discrepancy.free_term import find_free_model
-from klute_sim.diagnosis.discrepancy.sparse_regression import fit_discrepancy_term, format_formula
+from klute_sim.diagnosis.discrepancy.data_driven_rival import find_data_driven_rival
+from klute_sim.diagnosis.discrepancy.sparse_regression import add_data_driven_term, format_formula
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
@@ -102,7 +102,7 @@ def test_unknown_moment_becomes_a_formula_and_its_imitation_is_refused(tmp_path:
     data, base = weight(tmp_path, simulator, effects=[UNKNOWN], measured=PRESSURES, seconds=4.0)
     search = ForwardSelection(data, [], [], has_repeats=True)
     assert search.has_misfit(base)
-    result = fit_discrepancy_term(search, base, base, compute_equation_residuals(data, base))
+    result = add_data_driven_term(search, base, base, compute_equation_residuals(data, base))
     assert result.equation == "hinge joint 'joint' or its devices"
     assert result.fit is not None, result.reason
     assert not search.has_misfit(result.fit)
@@ -113,10 +113,10 @@ def test_unknown_moment_becomes_a_formula_and_its_imitation_is_refused(tmp_path:
     assert format_formula(result.fit).startswith("M -= 0.1")
     imitation = EffectTerm("joint_friction", "viscous", part="joint")
     named = fit_hypothesis(data, base.hypothesis.with_term(imitation))
-    free_model = find_free_model(search, base, named)
-    assert free_model is not None
-    assert free_model.difference < -search.bic_threshold
-    assert find_free_model(search, base, named, ("unknown_joint_moment",)) is None
+    data_driven_model = find_data_driven_rival(search, base, named)
+    assert data_driven_model is not None
+    assert data_driven_model.difference < -search.bic_threshold
+    assert find_data_driven_rival(search, base, named, ("unknown_joint_moment",)) is None
 
 
 @pytest.mark.slow
@@ -126,4 +126,4 @@ def test_true_friction_stands_against_the_data_driven_term(tmp_path: Path, simul
     search = ForwardSelection(data, [], [], has_repeats=True)
     named = fit_hypothesis(data, base.hypothesis.with_term(EffectTerm("joint_friction", "coulomb", part="joint")))
     assert not search.has_misfit(named)
-    assert find_free_model(search, base, named) is None
+    assert find_data_driven_rival(search, base, named) is None

@@ -149,7 +149,7 @@ def compute_speeds(result: Log) -> list[float]:
 def compute_friction(result: Diagnosis, speeds: list[float]) -> float:
     """Return half the difference of the model's steady friction between the two ``speeds`` [N].
 
-    It includes the identified seal and a discrepancy term: dry friction and a negative slope with speed together are
+    It includes the identified seal and a data-driven term: dry friction and a negative slope with speed together are
     a friction that falls with speed.
     """
     assert result.final_fit is not None

@@ -14,7 +14,7 @@ from benchmarks.hidden_effects.generate import make_dataset
 from klute_sim.api.diagnosis import DiagnosisResult
 from klute_sim.datasets import dataset as datasets
 from klute_sim.device.device import load_device, parse_device
-from klute_sim.diagnosis.discrepancy.sparse_regression import find_supports, fit_discrepancy_term, format_formula
+from klute_sim.diagnosis.discrepancy.sparse_regression import add_data_driven_term, find_supports, format_formula
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
@@ -78,7 +78,7 @@ def get_effect_values(fit: Fit) -> dict[str, float]:
 
 def test_true_functions_and_coefficients_are_recovered(with_hidden_term: tuple[ForwardSelection, Fit]) -> None:
     search, base = with_hidden_term
-    result = fit_discrepancy_term(search, base, base, compute_equation_residuals(search.data, base))
+    result = add_data_driven_term(search, base, base, compute_equation_residuals(search.data, base))
     assert result.fit is not None, result.reason
     assert get_effect_values(result.fit) == pytest.approx(HIDDEN[FORCE], rel=0.05)
     assert "A data-driven term in the equation of muscle, damper or tendon represents" in result.reason
@@ -89,7 +89,7 @@ def test_true_functions_and_coefficients_are_recovered(with_hidden_term: tuple[F
 @pytest.mark.long
 def test_supply_lag_is_found_in_the_supply_equation(tmp_path: Path) -> None:
     for search, base in create_search(tmp_path / "d", {("pressure_lag", "first_order"): {"time_constant_s": 0.05}}):
-        result = fit_discrepancy_term(search, base, base, compute_equation_residuals(search.data, base))
+        result = add_data_driven_term(search, base, base, compute_equation_residuals(search.data, base))
         assert "in the equation of supply" in result.reason
         assert result.fit is not None
         assert get_effect_values(result.fit) == pytest.approx({"lag_s": 0.05}, rel=0.03)
@@ -111,10 +111,10 @@ def test_regression_eliminates_functions(with_hidden_term: tuple[ForwardSelectio
 
 def test_clean_data_get_no_term(clean: tuple[ForwardSelection, Fit]) -> None:
     search, base = clean
-    result = fit_discrepancy_term(search, base, base, compute_equation_residuals(search.data, base))
+    result = add_data_driven_term(search, base, base, compute_equation_residuals(search.data, base))
     assert result.fit is None
     assert "no equation has a significant residual" in result.reason
-    assert fit_discrepancy_term(search, base, base, RESIDUALS).fit is None  # nor for a given residual
+    assert add_data_driven_term(search, base, base, RESIDUALS).fit is None  # nor for a given residual
 
 
 def test_term_that_worsens_validation_trials_is_rejected(
@@ -122,14 +122,14 @@ def test_term_that_worsens_validation_trials_is_rejected(
 ) -> None:
     search, base = with_hidden_term
     elsewhere = replace(search, validation_data=clean[0].validation_data, history=[])
-    result = fit_discrepancy_term(elsewhere, base, base, RESIDUALS)
+    result = add_data_driven_term(elsewhere, base, base, RESIDUALS)
     assert result.fit is None
     assert "tested and rejected: unknown_force fits, but validation trials get worse" in result.reason
 
 
 def test_excluded_and_existing_terms_are_not_candidates(with_hidden_term: tuple[ForwardSelection, Fit]) -> None:
     search, base = with_hidden_term
-    result = fit_discrepancy_term(search, base, base, RESIDUALS, ("unknown_force",))
+    result = add_data_driven_term(search, base, base, RESIDUALS, ("unknown_force",))
     assert "no equation has a significant residual" in result.reason
 
 

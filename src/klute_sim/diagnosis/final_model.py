@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnosis.discrepancy.free_term import (
+from klute_sim.diagnosis.discrepancy.data_driven_rival import (
     DECISIVE_MARGIN,
     compute_bic_difference,
+    find_data_driven_rival,
     find_decisive_term,
-    find_free_model,
 )
-from klute_sim.diagnosis.discrepancy.imitation import compare_with_free_models
-from klute_sim.diagnosis.discrepancy.sparse_regression import fit_discrepancy_term
+from klute_sim.diagnosis.discrepancy.imitation import compare_with_data_driven_models
+from klute_sim.diagnosis.discrepancy.sparse_regression import add_data_driven_term
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
@@ -69,9 +69,9 @@ def select_complete_model(
     """
     data = search.data
     progress(0.6, "comparing the effects with a data-driven term")
-    free_model = find_free_model(search, base_fit, final_fit, options.exclude)
-    if free_model is not None and free_model.difference < -DECISIVE_MARGIN * search.bic_threshold:
-        return _refuse_names(search, base_fit, final_fit, free_model, options)
+    data_driven_model = find_data_driven_rival(search, base_fit, final_fit, options.exclude)
+    if data_driven_model is not None and data_driven_model.difference < -DECISIVE_MARGIN * search.bic_threshold:
+        return _refuse_names(search, base_fit, final_fit, data_driven_model, options)
     progress(0.65, "restarting the fit from another point")
     final_fit, has_converged = refine_and_simplify(search, final_fit, np.random.default_rng(options.seed))
     smaller_fit = find_smaller_model(search, final_fit)
@@ -87,10 +87,10 @@ def select_complete_model(
         better_fit = equivalent_models[0].fit
         final_fit, has_converged = refine_and_simplify(search, better_fit, np.random.default_rng(options.seed))
         equivalent_models = find_equivalent_models(search, final_fit)
-    free_model = find_free_model(search, base_fit, final_fit, options.exclude)
-    if free_model is not None and free_model.difference < -search.bic_threshold:
-        return _refuse_names(search, base_fit, final_fit, free_model, options)
-    equivalent_models += [free_model] if free_model else []
+    data_driven_model = find_data_driven_rival(search, base_fit, final_fit, options.exclude)
+    if data_driven_model is not None and data_driven_model.difference < -search.bic_threshold:
+        return _refuse_names(search, base_fit, final_fit, data_driven_model, options)
+    equivalent_models += [data_driven_model] if data_driven_model else []
     verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
     if verdict == "unexplained":  # proxies have no alternatives
         equivalent_models = []
@@ -127,7 +127,7 @@ def select_decisive_term(
     decisive = find_decisive_term(search, base_fit, final_fit, options.exclude)
     if decisive is None:
         return None
-    free_fit, equation = decisive.complete
+    term_fit, equation = decisive.complete
     reason = (
         f"A data-driven term in the equation of {equation} explains the data to the noise, and no effects of the "
         "catalogue do"
@@ -135,14 +135,14 @@ def select_decisive_term(
     if decisive.named_fit is None:
         reason += ": the missing effect is not in the catalogue."
         reasons = [reason, *_describe_misfit(search, final_fit)]
-        return _replace_names(search, base_fit, free_fit, reasons, options)
+        return _replace_names(search, base_fit, term_fit, reasons, options)
     named_fit = decisive.named_fit
-    share = (base_fit.chi2 - named_fit.chi2) / (base_fit.chi2 - free_fit.chi2)
+    share = (base_fit.chi2 - named_fit.chi2) / (base_fit.chi2 - term_fit.chi2)
     reason += (
         f". {_list_names(base_fit, named_fit)} takes {100.0 * share:.0f} % of what the term explains, from elsewhere: "
         "either this is missing in another form, or the missing effect is not in the catalogue and resembles it."
     )
-    free_model = EquivalentModel(free_fit, compute_bic_difference(search, free_fit, named_fit))
+    data_driven_model = EquivalentModel(term_fit, compute_bic_difference(search, term_fit, named_fit))
     return FinalModel(
         "indistinguishable",
         [reason, *_describe_misfit(search, named_fit)],
@@ -150,7 +150,7 @@ def select_decisive_term(
         base_fit,
         named_fit,
         compute_confidence_intervals(search.data, named_fit),
-        [free_model, *decisive.rivals],
+        [data_driven_model, *decisive.rivals],
         compute_equation_residuals(search.data, named_fit),
         named_fit.converged,
     )
@@ -172,7 +172,7 @@ def select_proxies(
     reasons = [*decision.reasons, *_describe_misfit(search, final_fit)]
     if decision.verdict == "unexplained":
         progress(0.8, "fitting a data-driven term")
-        final_fit, has_converged, sentences = _add_discrepancy_term(
+        final_fit, has_converged, sentences = _add_data_driven_term(
             search, final_fit, base_fit, equation_residuals, options, has_converged
         )
         reasons += sentences
@@ -223,32 +223,34 @@ def select_imperfect_model(
     ``base_fit`` is the fit of ``search`` without added effects.
     """
     progress(0.7, "comparing the effects with a data-driven term")
-    free_model, free_rival = compare_with_free_models(search, base_fit, selection, result, options.exclude)
-    if free_model is not None:
+    data_driven_model, data_driven_rival = compare_with_data_driven_models(
+        search, base_fit, selection, result, options.exclude
+    )
+    if data_driven_model is not None:
         reason = (
-            f"A data-driven term of the same size {free_model.description} predicts better: it leaves "
-            f"{100.0 * free_model.error / result.base.error:.1f} % of the squared error, the effects "
+            f"A data-driven term of the same size {data_driven_model.description} predicts better: it leaves "
+            f"{100.0 * data_driven_model.error / result.base.error:.1f} % of the squared error, the effects "
             f"{100.0 * result.chosen.error / result.base.error:.1f} %. The missing effect is not in the catalogue, and "
             "these effects only imitate it."
         )
-        free_fit = base_fit  # no device file holds a term in a reading
-        if free_model.fit is not None:
-            free_fit = fit_hypothesis(search.data, free_model.fit.hypothesis, free_model.fit.x)
-        refused = _replace_names(search, base_fit, free_fit, [*decision.reasons, reason], options)
+        term_fit = base_fit  # no device file holds a term in a reading
+        if data_driven_model.fit is not None:
+            term_fit = fit_hypothesis(search.data, data_driven_model.fit.hypothesis, data_driven_model.fit.x)
+        refused = _replace_names(search, base_fit, term_fit, [*decision.reasons, reason], options)
         return refused._replace(prediction=result)
     equivalent_models = [
         EquivalentModel(rival.fit, rival.error / result.chosen.error - 1.0, "prediction error")
         for rival in (result.rivals if decision.verdict == "indistinguishable" else ())
     ]
     reasons = decision.reasons
-    if free_rival is not None and free_rival.fit is not None:
+    if data_driven_rival is not None and data_driven_rival.fit is not None:
         reason = (
-            f"A data-driven term no larger than the effects, {free_rival.description}, would predict as well, from "
-            "elsewhere: the missing effect may be there, and in no catalogue."
+            f"A data-driven term {data_driven_rival.description}, no larger than the effects, would predict as well, "
+            "from elsewhere: the missing effect may be there, and in no catalogue."
         )
         reasons = [*reasons, reason]
-        difference = free_rival.error / result.chosen.error - 1.0
-        equivalent_models.append(EquivalentModel(free_rival.fit, difference, "prediction error"))
+        difference = data_driven_rival.error / result.chosen.error - 1.0
+        equivalent_models.append(EquivalentModel(data_driven_rival.fit, difference, "prediction error"))
     return FinalModel(
         "indistinguishable" if equivalent_models else decision.verdict,
         reasons,
@@ -263,7 +265,7 @@ def select_imperfect_model(
     )
 
 
-def _add_discrepancy_term(
+def _add_data_driven_term(
     search: ForwardSelection,
     final_fit: Fit,
     base_fit: Fit,
@@ -272,7 +274,7 @@ def _add_discrepancy_term(
     has_converged: bool,
 ) -> tuple[Fit, bool, list[str]]:
     """Return the fit with a data-driven term if one is accepted, whether it converged, and sentences about it."""
-    discrepancy = fit_discrepancy_term(search, final_fit, base_fit, equation_residuals, options.exclude)
+    discrepancy = add_data_driven_term(search, final_fit, base_fit, equation_residuals, options.exclude)
     sentences = [discrepancy.reason]
     if discrepancy.fit is not None:
         final_fit, has_converged = check_convergence(search.data, discrepancy.fit, np.random.default_rng(options.seed))
@@ -282,15 +284,19 @@ def _add_discrepancy_term(
 
 
 def _refuse_names(
-    search: ForwardSelection, base_fit: Fit, named_fit: Fit, free_model: EquivalentModel, options: DiagnosisOptions
+    search: ForwardSelection,
+    base_fit: Fit,
+    named_fit: Fit,
+    rival: EquivalentModel,
+    options: DiagnosisOptions,
 ) -> FinalModel:
-    """Return the model with the data-driven term of ``free_model`` in place of the names of ``named_fit``."""
+    """Return the model with the data-driven term of ``rival`` in place of the names of ``named_fit``."""
     reason = (
         f"{_list_names(base_fit, named_fit)} would explain the data to the noise, but a data-driven term in one "
-        f"equation explains them better (BIC is lower by {-free_model.difference:.0f}): the missing effect is not "
+        f"equation explains them better (BIC is lower by {-rival.difference:.0f}): the missing effect is not "
         "in the catalogue, and these effects only imitate it."
     )
-    return _replace_names(search, base_fit, free_model.fit, [reason], options)
+    return _replace_names(search, base_fit, rival.fit, [reason], options)
 
 
 def _list_names(base_fit: Fit, named_fit: Fit) -> str:
@@ -298,10 +304,10 @@ def _list_names(base_fit: Fit, named_fit: Fit) -> str:
 
 
 def _replace_names(
-    search: ForwardSelection, base_fit: Fit, free_fit: Fit, reasons: list[str], options: DiagnosisOptions
+    search: ForwardSelection, base_fit: Fit, term_fit: Fit, reasons: list[str], options: DiagnosisOptions
 ) -> FinalModel:
-    """Return the model of ``free_fit``, which holds a data-driven term, or nothing, in place of names."""
-    final_fit, has_converged = check_convergence(search.data, free_fit, np.random.default_rng(options.seed))
+    """Return the model of ``term_fit``, which holds a data-driven term, or nothing, in place of names."""
+    final_fit, has_converged = check_convergence(search.data, term_fit, np.random.default_rng(options.seed))
     return FinalModel(
         "unexplained",
         reasons,

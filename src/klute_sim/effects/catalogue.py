@@ -96,7 +96,7 @@ BUILT_IN_EFFECTS = (
     tendon.TENDON_SLACK,
     tendon.TENDON_STIFFENING,
     tendon.TENDON_HYSTERESIS,
-    # Discrepancy terms act last, because they complete the equations of all others.
+    # Data-driven terms act last, because they complete the equations of all others.
     discrepancy_terms.UNKNOWN_FORCE,
     discrepancy_terms.UNKNOWN_TENDON_FORCE,
     discrepancy_terms.UNKNOWN_PRESSURE,

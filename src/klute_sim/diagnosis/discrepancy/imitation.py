@@ -2,10 +2,10 @@
 
 Where no model reaches the noise, a large share of the error does not prove a name: effects that resemble a missing
 one take a large share, too. A data-driven term represents any missing effect, as in
-:mod:`klute_sim.diagnosis.discrepancy.free_term` where models reach the noise. The names must predict nearly as well as
-such a term *of the same size*, because a longer formula also describes the error of the law. They may be completed by
-functions of that term: names that are a part of the truth remain then, and imitations do not. A term elsewhere that is
-no larger than the names and predicts as well cannot be told from them.
+:mod:`klute_sim.diagnosis.discrepancy.data_driven_rival` where models reach the noise. The names must predict nearly as
+well as such a term *of the same size*, because a longer formula also describes the error of the law. They may be
+completed by functions of that term: names that are a part of the truth remain then, and imitations do not. A term
+elsewhere that is no larger than the names and predicts as well cannot be told from them.
 
 Two kinds of terms are tried: functions in the equation with the misfit, and linear functions of the channels in the
 reading of one instrument (a load cell that responds to the pressure).
@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnosis.discrepancy.free_term import locate_term
-from klute_sim.diagnosis.discrepancy.sparse_regression import find_supports, format_formula, list_discrepancy_terms
+from klute_sim.diagnosis.discrepancy.data_driven_rival import locate_term
+from klute_sim.diagnosis.discrepancy.sparse_regression import find_supports, format_formula, list_data_driven_terms
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
@@ -43,7 +43,7 @@ MAX_REMAINING_FRACTION = 0.5
 (assumed). It must also take :data:`MIN_TERM_SHARE` more of the error than they do."""
 
 
-class FreeModel(NamedTuple):
+class DataDrivenModel(NamedTuple):
     """A data-driven term beside names."""
 
     description: str
@@ -54,12 +54,12 @@ class FreeModel(NamedTuple):
     """Fit of a term in an equation; None for one in a reading, which no device file holds."""
 
 
-class FreeComparison(NamedTuple):
+class DataDrivenComparison(NamedTuple):
     """Data-driven terms beside names."""
 
-    better: FreeModel | None = None
+    better: DataDrivenModel | None = None
     """Term that predicts much better than the names; None if they stand."""
-    rival: FreeModel | None = None
+    rival: DataDrivenModel | None = None
     """Term of the size of the names at another place that predicts as well; None without one."""
 
 
@@ -72,20 +72,20 @@ class ReadingFunction(NamedTuple):
     """Derivative of the weighted residuals by the coefficient, (residuals,)."""
 
 
-def compare_with_free_models(
+def compare_with_data_driven_models(
     search: ForwardSelection,
     base_fit: Fit,
     selection: PredictiveSelection,
     result: PredictiveResult,
     exclude: Collection[str] = (),
-) -> FreeComparison:
+) -> DataDrivenComparison:
     """Return the data-driven terms that refuse the names of ``result``, or that cannot be told from them.
 
     ``base_fit`` is the fit of ``search`` without added effects; ``exclude`` names effects that are not candidates. A
     term in the equation of a name may contain it, so only terms elsewhere are rivals.
     """
     names = result.chosen.terms
-    rivals: list[FreeModel] = []
+    rivals: list[DataDrivenModel] = []
     min_gain = MIN_TERM_SHARE * (result.base.error - result.noise)
 
     def find_limit(named_error: float) -> float:
@@ -96,9 +96,9 @@ def compare_with_free_models(
     for n_functions in range(1, len(names) + 1):
         best = min(_fit_readings(selection, result.base.fit, n_functions), key=lambda model: model.error)
         if best.error < limit:
-            return FreeComparison(better=best)
+            return DataDrivenComparison(better=best)
     equation_residuals = compute_equation_residuals(search.data, base_fit)
-    for library in list_discrepancy_terms(base_fit, equation_residuals, exclude).values():
+    for library in list_data_driven_terms(base_fit, equation_residuals, exclude).values():
         # Smallest first, so that the shortest of the formulas that predict as well is compared.
         models = list(_extend(selection, result.base.fit, library))
         if not models:  # no function has an influence
@@ -115,12 +115,12 @@ def compare_with_free_models(
         # Where one condition alone determines the shape of a friction, names fail to predict it. Medians pass over it.
         named_error = min(_complete_names(selection, result, library, len(free.terms[-1].parameter_keys)))
         if float(np.median(free.errors)) < find_limit(named_error):
-            return FreeComparison(better=_describe(free))
-    return FreeComparison(rival=min(rivals, key=lambda rival: rival.error, default=None))
+            return DataDrivenComparison(better=_describe(free))
+    return DataDrivenComparison(rival=min(rivals, key=lambda rival: rival.error, default=None))
 
 
-def _describe(model: PredictiveModel) -> FreeModel:
-    return FreeModel(f"in one equation ({format_formula(model.fit)})", model.error, model.fit)
+def _describe(model: PredictiveModel) -> DataDrivenModel:
+    return DataDrivenModel(f"in one equation ({format_formula(model.fit)})", model.error, model.fit)
 
 
 def _predicts_as_well(model: PredictiveModel, chosen: PredictiveModel) -> bool:
@@ -159,7 +159,7 @@ def _complete_names(
         )
 
 
-def _fit_readings(selection: PredictiveSelection, base_fit: Fit, n_functions: int) -> Iterator[FreeModel]:
+def _fit_readings(selection: PredictiveSelection, base_fit: Fit, n_functions: int) -> Iterator[DataDrivenModel]:
     """Yield each set of ``n_functions`` linear functions of the channels in the reading of each channel.
 
     They enter linearly, so the numbers of the device are refitted by one linear step beside them.
@@ -196,7 +196,7 @@ def _list_reading_functions(selection: PredictiveSelection, base_fit: Fit, chann
 
 def _predict_with_reading(
     selection: PredictiveSelection, base_fit: Fit, channel: str, functions: Sequence[ReadingFunction]
-) -> FreeModel:
+) -> DataDrivenModel:
     """Return the model with ``functions`` in the reading of ``channel``, and its error of prediction."""
     columns = np.column_stack([base_fit.jacobian, *(function.sensitivity for function in functions)])
     target = -base_fit.weighted_residuals
@@ -208,4 +208,4 @@ def _predict_with_reading(
         errors.append(selection.compute_fold_error(fold, dict(enumerate(residuals))))
     coefficients = np.linalg.lstsq(columns, target)[0][-len(functions) :]
     terms = (f"{c:+.3g} {function.label}" for c, function in zip(coefficients, functions, strict=True))
-    return FreeModel(f"in the reading of '{channel}' ({', '.join(terms)})", float(np.mean(errors)), None)
+    return DataDrivenModel(f"in the reading of '{channel}' ({', '.join(terms)})", float(np.mean(errors)), None)

@@ -54,7 +54,7 @@ class Support(NamedTuple):
     """Fall of BIC that linearisation predicts."""
 
 
-class DiscrepancyResult(NamedTuple):
+class DataDrivenTermResult(NamedTuple):
     """Result of the fit of a data-driven term."""
 
     fit: Fit | None
@@ -65,19 +65,19 @@ class DiscrepancyResult(NamedTuple):
     """Name of the equation that the term belongs to."""
 
 
-def fit_discrepancy_term(
+def add_data_driven_term(
     search: ForwardSelection,
     current: Fit,
     base_fit: Fit,
     equation_residuals: Sequence[EquationResidual],
     exclude: Collection[str] = (),
-) -> DiscrepancyResult:
+) -> DataDrivenTermResult:
     """Fit the best data-driven term for the equations with significant residuals, and add it to ``current``.
 
     Effects that are not in ``base_fit`` and that the term makes redundant are removed. ``exclude`` names effects that
     are not candidates.
     """
-    fitted = fit_free_term(search, current, equation_residuals, exclude)
+    fitted = fit_data_driven_term(search, current, equation_residuals, exclude)
     subject = f"A data-driven term in the equation of {fitted.equation}"
     if fitted.fit is None:
         return fitted
@@ -90,22 +90,22 @@ def fit_discrepancy_term(
     return fitted._replace(fit=search.prune(best_fit, base_fit), reason=reason)
 
 
-def fit_free_term(
+def fit_data_driven_term(
     search: ForwardSelection,
     current: Fit,
     equation_residuals: Sequence[EquationResidual],
     exclude: Collection[str] = (),
     *,
     max_supports: int = MAX_FUNCTIONS,
-) -> DiscrepancyResult:
+) -> DataDrivenTermResult:
     """Return ``current`` with the data-driven term that explains most, before any test of acceptance.
 
     Only equations with significant residuals get a term. ``exclude`` names effects that are not candidates. Of the sets
     of functions, the ``max_supports`` with the largest predicted gains are fitted.
     """
-    terms = list_discrepancy_terms(current, equation_residuals, exclude)
+    terms = list_data_driven_terms(current, equation_residuals, exclude)
     if not terms:
-        return DiscrepancyResult(None, "No data-driven term was fitted: no equation has a significant residual.")
+        return DataDrivenTermResult(None, "No data-driven term was fitted: no equation has a significant residual.")
     supports = {name: find_supports(search.data, current, term) for name, term in terms.items()}
     equation = max(supports, key=lambda name: max((s.predicted_bic_gain for s in supports[name]), default=-np.inf))
     promising = [s for s in supports[equation] if s.predicted_bic_gain > 0.5 * search.bic_threshold]
@@ -114,13 +114,13 @@ def fit_free_term(
             f"A data-driven term in the equation of {equation} was tested, but none of its functions is predicted to "
             "explain more than noise would."
         )
-        return DiscrepancyResult(None, reason, equation)
+        return DataDrivenTermResult(None, reason, equation)
     leading = sorted(promising, key=lambda support: -support.predicted_bic_gain)[:max_supports]
     fitted = [support for support in promising if any(support is other for other in leading)]  # smallest first
-    return DiscrepancyResult(_fit_supports(search, current, fitted), "", equation)
+    return DataDrivenTermResult(_fit_supports(search, current, fitted), "", equation)
 
 
-def list_discrepancy_terms(
+def list_data_driven_terms(
     current: Fit, equation_residuals: Sequence[EquationResidual], exclude: Collection[str] = ()
 ) -> dict[str, EffectTerm]:
     """Return the data-driven term of each equation with a significant residual, by the name of the equation.

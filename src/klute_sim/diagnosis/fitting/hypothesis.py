@@ -50,7 +50,7 @@ class EffectTerm(NamedTuple):
     channel: str | None = None
     """Measured channel of an instrument effect; None for other effects."""
     parameter_keys: tuple[str, ...] = ()
-    """Keys of the fitted parameters of a discrepancy term, whose other parameters stay neutral; empty: all."""
+    """Keys of the fitted parameters of a data-driven term, whose other parameters stay neutral; empty: all."""
     number: str | None = None
     """``section.key`` of the device file for an error of this number; None for effects."""
     tendon: str | None = None

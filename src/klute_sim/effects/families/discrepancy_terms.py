@@ -1,4 +1,4 @@
-"""Discrepancy terms: data-driven functions that an equation of the device lacks.
+"""Data-driven terms: functions that an equation of the device lacks.
 
 When no named effect explains the data, a diagnosis estimates some of these coefficients by sparse regression
 (:mod:`klute_sim.diagnosis.discrepancy.sparse_regression`), and a device file stores them. The terms are not physics:

@@ -1,4 +1,4 @@
-"""Discrepancy terms of joints: data-driven functions that the equation of motion of a joint lacks.
+"""Data-driven terms of joints: functions that the equation of motion of a joint lacks.
 
 As those of devices (:mod:`klute_sim.effects.families.discrepancy_terms`) they are not physics. Their polynomials are
 bounded by the stops of the joint only.

@@ -1,4 +1,4 @@
-"""The margin of names over a free term: true names keep it, imitations lose it."""
+"""Comparison with a data-driven term: true names stand, imitations do not."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from klute_sim.diagnosis import final_model
-from klute_sim.diagnosis.discrepancy import free_term
-from klute_sim.diagnosis.discrepancy.free_term import (
+from klute_sim.diagnosis.discrepancy import data_driven_rival
+from klute_sim.diagnosis.discrepancy.data_driven_rival import (
     contains_names,
     find_complete_term,
+    find_data_driven_rival,
     find_decisive_term,
-    find_free_model,
     locate_term,
 )
 from klute_sim.diagnosis.discrepancy.sparse_regression import _eliminate_functions
@@ -55,19 +55,19 @@ def test_true_name_is_not_beaten_and_an_imitation_is(tmp_path: Path, monkeypatch
     for search, base in create_search(tmp_path / "d", {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}):
         named = add_terms(search, base, FRICTION)
         assert not search.has_misfit(named)
-        assert find_free_model(search, base, named) is None
-        assert find_free_model(search, base, base) is None  # nothing was named
+        assert find_data_driven_rival(search, base, named) is None
+        assert find_data_driven_rival(search, base, base) is None  # nothing was named
         imitation = add_terms(search, base, EffectTerm("muscle_damping", "viscous"))
-        free_model = find_free_model(search, base, imitation)
-        assert free_model is not None
-        assert free_model.difference < -search.bic_threshold
-        assert not search.has_misfit(free_model.fit)
-        assert contains_names(free_model.fit, named, [FRICTION])
-        assert not contains_names(free_model.fit, imitation, imitation.hypothesis.terms)
-        assert find_free_model(search, base, imitation, ("unknown_force",)) is None
+        data_driven_model = find_data_driven_rival(search, base, imitation)
+        assert data_driven_model is not None
+        assert data_driven_model.difference < -search.bic_threshold
+        assert not search.has_misfit(data_driven_model.fit)
+        assert contains_names(data_driven_model.fit, named, [FRICTION])
+        assert not contains_names(data_driven_model.fit, imitation, imitation.hypothesis.terms)
+        assert find_data_driven_rival(search, base, imitation, ("unknown_force",)) is None
         # A term must not lose in any validation group, even where it gains in the mean.
         monkeypatch.setattr(search, "compute_validation_gains", lambda before, after: {"a": 0.5, "b": -0.1})
-        assert find_free_model(search, base, imitation) is None
+        assert find_data_driven_rival(search, base, imitation) is None
 
 
 @pytest.mark.slow
@@ -82,7 +82,7 @@ def test_term_that_alone_reaches_the_noise_stands_beside_names_elsewhere(
         assert search.has_misfit(named)
         assert find_complete_term(search, base) is not None
         assert find_decisive_term(search, base, named) is None  # in the same equation, names may be a part of the term
-        monkeypatch.setattr(free_term, "locate_term", lambda term: term.effect)
+        monkeypatch.setattr(data_driven_rival, "locate_term", lambda term: term.effect)
         decisive = find_decisive_term(search, base, named)
         assert decisive is not None
         assert not search.has_misfit(decisive.complete.fit)

@@ -1,4 +1,4 @@
-"""Margin of names over a free term: whether an unknown effect would explain the data as well as the named ones.
+"""Comparison of named effects with a data-driven term: an unknown effect may explain the data as well.
 
 Several effects of the catalogue together can imitate one that is not in it. A data-driven term at the equation with the
 misfit represents any such effect. Names stand if the term is not better. Where the names are of several kinds at once
@@ -13,7 +13,7 @@ import numpy as np
 
 from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
-from klute_sim.diagnosis.discrepancy.sparse_regression import fit_free_term
+from klute_sim.diagnosis.discrepancy.sparse_regression import fit_data_driven_term
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
@@ -54,19 +54,19 @@ def find_complete_term(search: ForwardSelection, base_fit: Fit, exclude: Collect
     ``exclude`` names effects that are not candidates.
     """
     residuals = compute_equation_residuals(search.data, base_fit)
-    fitted = fit_free_term(search, base_fit, residuals, exclude, max_supports=1)
+    fitted = fit_data_driven_term(search, base_fit, residuals, exclude, max_supports=1)
     if fitted.fit is None or search.has_misfit(fitted.fit):
         return None
     return CompleteTerm(fitted.fit, fitted.equation)
 
 
-def predicts_as_well(search: ForwardSelection, free_fit: Fit, named_fit: Fit) -> bool:
-    """Return whether ``free_fit`` predicts every validation group as well as ``named_fit`` (names must, too)."""
-    gains = search.compute_validation_gains(named_fit, free_fit)
+def predicts_as_well(search: ForwardSelection, term_fit: Fit, named_fit: Fit) -> bool:
+    """Return whether ``term_fit`` predicts every validation group as well as ``named_fit`` (names must, too)."""
+    gains = search.compute_validation_gains(named_fit, term_fit)
     return min(gains.values(), default=0.0) >= -MAX_VALIDATION_LOSS
 
 
-def find_free_model(
+def find_data_driven_rival(
     search: ForwardSelection, base_fit: Fit, named_fit: Fit, exclude: Collection[str] = ()
 ) -> EquivalentModel | None:
     """Return ``base_fit`` with a data-driven term in place of the names of ``named_fit``, if it is as good.
@@ -81,22 +81,22 @@ def find_free_model(
     complete = find_complete_term(search, base_fit, exclude)
     if complete is None:
         return None
-    free_fit = complete.fit
-    bic_difference = compute_bic_difference(search, free_fit, named_fit)
+    term_fit = complete.fit
+    bic_difference = compute_bic_difference(search, term_fit, named_fit)
     if bic_difference > (search.bic_threshold if len(list_kinds(names)) > 1 else -search.bic_threshold):
         return None
-    if contains_names(free_fit, named_fit, names) or not predicts_as_well(search, free_fit, named_fit):
+    if contains_names(term_fit, named_fit, names) or not predicts_as_well(search, term_fit, named_fit):
         return None
-    return EquivalentModel(free_fit, bic_difference)
+    return EquivalentModel(term_fit, bic_difference)
 
 
-def contains_names(free_fit: Fit, named_fit: Fit, names: Iterable[EffectTerm]) -> bool:
-    """Return whether the data-driven term of ``free_fit`` is ``names`` and something more.
+def contains_names(term_fit: Fit, named_fit: Fit, names: Iterable[EffectTerm]) -> bool:
+    """Return whether the data-driven term of ``term_fit`` is ``names`` and something more.
 
     The sizes of all names then change the readings as a combination of the functions of the term does: of the squared
     sensitivities, the functions explain at least :data:`MIN_CONTAINED_SHARE`.
     """
-    functions = free_fit.jacobian[:, _find_columns(free_fit, free_fit.hypothesis.terms[-1:])]
+    functions = term_fit.jacobian[:, _find_columns(term_fit, term_fit.hypothesis.terms[-1:])]
     sizes = named_fit.jacobian[:, _find_columns(named_fit, names)]
     remainder = sizes - functions @ np.linalg.lstsq(functions, sizes)[0]
     return bool(np.all((remainder**2).sum(axis=0) <= (1.0 - MIN_CONTAINED_SHARE) * (sizes**2).sum(axis=0)))
@@ -108,10 +108,10 @@ def _find_columns(fit: Fit, terms: Iterable[EffectTerm]) -> list[int]:
     return [k for k, p in enumerate(fit.hypothesis.parameters) if p.term_index in indices and not p.is_logarithmic]
 
 
-def compute_bic_difference(search: ForwardSelection, free_fit: Fit, named_fit: Fit) -> float:
-    """Return the BIC of ``free_fit`` minus that of ``named_fit``."""
+def compute_bic_difference(search: ForwardSelection, term_fit: Fit, named_fit: Fit) -> float:
+    """Return the BIC of ``term_fit`` minus that of ``named_fit``."""
     n = search.data.n_effective
-    return free_fit.bic(n) - named_fit.bic(n)
+    return term_fit.bic(n) - named_fit.bic(n)
 
 
 def locate_term(term: EffectTerm) -> str:
@@ -153,22 +153,22 @@ def find_decisive_term(
     complete = find_complete_term(search, base_fit, exclude)
     if complete is None:
         return None
-    free_fit = complete.fit
+    term_fit = complete.fit
     max_difference = -DECISIVE_MARGIN * search.bic_threshold
-    if compute_bic_difference(search, free_fit, named_fit) > max_difference:
+    if compute_bic_difference(search, term_fit, named_fit) > max_difference:
         return None
-    if not predicts_as_well(search, free_fit, named_fit):
+    if not predicts_as_well(search, term_fit, named_fit):
         return None
-    gain = base_fit.chi2 - free_fit.chi2
-    free_term = free_fit.hypothesis.terms[-1]
+    gain = base_fit.chi2 - term_fit.chi2
+    data_driven_term = term_fit.hypothesis.terms[-1]
     named_fit, last_step = base_fit, None
-    for step in search.history[: len(free_term.parameter_keys)]:
+    for step in search.history[: len(data_driven_term.parameter_keys)]:
         if step.added_term is None or named_fit.chi2 - step.refits[0].chi2 < MIN_TERM_SHARE * gain:
             break
         named_fit, last_step = step.refits[0], step
     is_named = last_step is not None and base_fit.chi2 - named_fit.chi2 >= MIN_NAMED_SHARE * gain
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
-    if is_named and {locate_term(term) for term in names} == {locate_term(free_term)}:
+    if is_named and {locate_term(term) for term in names} == {locate_term(data_driven_term)}:
         return None
     if has_complete_pair(search, base_fit, MIN_PAIR_GAIN_FRACTION * gain):
         return None
