@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from benchmarks.hidden_effects.score import Truth, Verdict, list_effect_sets
+from benchmarks.hidden_effects.score import Truth, Verdict, list_effect_sets, remove_joint
 
 STREAM = 5
 """Number of the random stream of these measurements, beside those of the dataset."""
@@ -21,7 +21,7 @@ def list_refuted_names(truth: Truth, verdict: Verdict) -> tuple[str, ...]:
     refuted: set[str] = set()
     for measurement in verdict.get("direct_measurements", ()):
         measured = find_true_value(truth, measurement) + measurement["accuracy"] * rng.standard_normal()
-        name = measurement["name"]
+        name = remove_joint(measurement["name"])
         if abs(measured - measurement["expected"]) > abs(measured - measurement["otherwise"]):
             refuted.add(name)
         else:
@@ -32,7 +32,7 @@ def list_refuted_names(truth: Truth, verdict: Verdict) -> tuple[str, ...]:
 
 def find_true_value(truth: Truth, measurement: Mapping[str, Any]) -> float:
     """Return the value of the measured quantity in the plant: what is hidden, or else the value without the name."""
-    effect, _, owner = measurement["name"].partition("@")
+    effect, _, owner = remove_joint(measurement["name"]).partition("@")
     hidden = [entry for kind in ("effects", "instruments", "numbers") for entry in truth.get(kind, ())]
     for entry in hidden:
         place = entry.get("channel") or entry.get("number") or entry.get("tendon") or ""

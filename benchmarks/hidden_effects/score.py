@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmarks.hidden_effects.catalogue import EFFECTS
+from benchmarks.hidden_effects.catalogue import EFFECTS, JOINT_EFFECTS
 
 Truth = Mapping[str, Any]
 Verdict = Mapping[str, Any]
@@ -15,6 +15,8 @@ MAX_ABSORBED_RESIDUAL = 0.6
 """Largest residual after refitting, over the noise, that leaves nothing to identify."""
 PHYSICAL_NAMES = {name for name, _ in EFFECTS}
 """Names of effects of devices, of which one device of a joint may have one alone."""
+JOINT_NAMES = {name for name, _ in JOINT_EFFECTS}
+"""Names of effects of joints."""
 WRONG_OUTCOMES = {"wrong", "false-alarm"}
 """Outcomes with a false effect."""
 
@@ -46,7 +48,13 @@ def list_named_effects(verdict: Verdict) -> list[str]:
 def list_effect_sets(verdict: Verdict) -> list[list[str]]:
     """Return all sets of effects of the verdict, the identified set first."""
     others = verdict["alternatives"] if verdict["verdict"] == "indistinguishable" else []
-    return [list_named_effects(verdict), *(sorted(effect_set) for effect_set in others)]
+    return [list_named_effects(verdict), *(sorted(map(remove_joint, effect_set)) for effect_set in others)]
+
+
+def remove_joint(name: str) -> str:
+    """Return ``name`` without the joint that has the effect: there is only one."""
+    effect = name.partition("@")[0]
+    return effect if effect in JOINT_NAMES else name
 
 
 def residual_over_noise(verdict: Verdict) -> float:
@@ -62,7 +70,8 @@ def _gap_over_noise(verdict: Verdict, stage: str) -> float:
 
 def near_twins(name: str, verdict: Verdict) -> set[str]:
     """Return the effects that the program reports as indistinguishable from ``name`` in these data."""
-    return {other for pair in verdict.get("indistinguishable", ()) if name in pair for other in pair} - {name}
+    pairs = [set(map(remove_joint, pair)) for pair in verdict.get("indistinguishable", ())]
+    return {other for pair in pairs if name in pair for other in pair} - {name}
 
 
 def score_verdict(truth: Truth, verdict: Verdict) -> str:

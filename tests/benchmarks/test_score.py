@@ -27,6 +27,7 @@ from klute_sim.errors import InputError
 HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
 DAMPING = {"name": "muscle_damping", "channel": None}
 GAIN = {"name": "sensor_gain", "channel": "force"}
+FRICTION = {"name": "joint_friction", "channel": None}
 WRONG_TURNS = {"name": "number_error", "number": "muscle.turns_per_m"}
 PROPOSED_EXPERIMENT = {"next_experiment": {"separation_chi2": 50.0}}
 """What an `indistinguishable` verdict asks for."""
@@ -74,6 +75,7 @@ def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
         (truth((HYSTERESIS,), (GAIN,)), verdict("identified", HYSTERESIS, after=1.5), "part"),
         (truth((HYSTERESIS,), (GAIN,)), verdict("identified", HYSTERESIS), "absorbed"),
         (truth((HYSTERESIS,), (GAIN,)), verdict("identified", GAIN, HYSTERESIS), "right"),
+        (truth((FRICTION,)), verdict("indistinguishable", GAIN, alternatives=(["joint_friction@elbow"],)), "right"),
         (truth(defect="dead_channel"), verdict("insufficient-data"), "right"),
         (truth(defect="dead_channel"), verdict("identified", GAIN), "false-alarm"),
     ],

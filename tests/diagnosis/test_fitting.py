@@ -110,3 +110,10 @@ def test_repeats_share_derivatives_that_each_of_them_would_give(fitted_data: tup
     assert weighted_data.with_experiments([trial, shorter]).representatives == [0, 1]
     limited = replace(trial, limits={"force": SensorLimits(0.0, 1e3)})
     assert weighted_data.with_experiments([trial, limited]).representatives == [0, 1]
+
+
+def test_the_same_effect_of_two_joints_has_two_names() -> None:
+    elbow, wrist = (EffectTerm("joint_friction", "coulomb", part=joint) for joint in ("elbow", "wrist"))
+    assert (elbow.qualified_name, wrist.qualified_name) == ("joint_friction@elbow", "joint_friction@wrist")
+    number = EffectTerm("number_error", "value", number="muscle.bladder_radius_mm")
+    assert number.qualified_name == "number_error@muscle.bladder_radius_mm"

@@ -70,8 +70,8 @@ class EffectTerm(NamedTuple):
 
     @property
     def qualified_name(self) -> str:
-        """The effect with its channel, number or tendon, as in ``verdict.json`` and for ``--exclude``."""
-        owner = self.channel or self.number or self.tendon
+        """The effect with its number or owner, as in ``verdict.json`` and for ``--exclude``."""
+        owner = self.number or self.owner
         return f"{self.effect}@{owner}" if owner else self.effect
 
     @property
