@@ -29,14 +29,14 @@ from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.p_value import compute_null_distribution, convert_to_p_value
-from klute_sim.diagnosis.noise.repeat_products import SharedMisfit, measure_shared_misfit
+from klute_sim.diagnosis.noise.repeat_products import RepeatProducts, compute_repeat_products
 from klute_sim.diagnosis.workflow import fit_base_device
 
 DISCOVERY_RATE = 0.05
 """Level at which something is called missing."""
 
 
-def measure_dataset(spec: DatasetSpec) -> SharedMisfit | None:
+def measure_dataset(spec: DatasetSpec) -> RepeatProducts | None:
     """Make the dataset of ``spec`` and return the shared misfit of the device without effects."""
     arguments = {key: value for key, value in spec.items() if key != "name"}
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
@@ -48,10 +48,10 @@ def measure_dataset(spec: DatasetSpec) -> SharedMisfit | None:
         fitted = [e for e in experiments if e.use == "fit" and e.measured]
         fit, data = fit_base_device(dataset, fitted, simulator)
         simulator.close()
-        return measure_shared_misfit(data, fit)
+        return compute_repeat_products(data, fit)
 
 
-def fit_null_distribution(datasets: Sequence[SharedMisfit]) -> tuple[tuple[float, float], float]:
+def fit_null_distribution(datasets: Sequence[RepeatProducts]) -> tuple[tuple[float, float], float]:
     """Return the mean squares of the irrelevant misfit and their spread (maximum likelihood)."""
     totals = np.array([shared.products.sum() for shared in datasets])
 

@@ -8,7 +8,7 @@ from benchmarks.hidden_effects import calibrate, localization, p_values
 from benchmarks.hidden_effects.inputs import InputProgram
 
 from klute_sim.diagnosis.noise.p_value import convert_to_p_value
-from klute_sim.diagnosis.noise.repeat_products import SharedMisfit
+from klute_sim.diagnosis.noise.repeat_products import RepeatProducts
 from klute_sim.diagnosis.probability import compute_logistic
 
 
@@ -89,7 +89,7 @@ def test_null_distribution_is_recovered_and_makes_p_values_uniform() -> None:
     for _ in range(400):
         n_samples = rng.uniform(300.0, 500.0, (25, 2)) * np.array([1.0, rng.integers(2)])
         irrelevant = n_samples @ mean_squares + spread * rng.normal() * n_samples.sum(axis=1)
-        misfits.append(SharedMisfit(irrelevant + rng.normal(0.0, 30.0, 25), n_samples))
+        misfits.append(RepeatProducts(irrelevant + rng.normal(0.0, 30.0, 25), n_samples))
     fitted, fitted_spread = p_values.fit_null_distribution(misfits)
     assert fitted == pytest.approx(tuple(mean_squares), rel=0.1)
     assert fitted_spread == pytest.approx(spread, rel=0.2)

@@ -7,15 +7,15 @@ from hypothesis import strategies as st
 from scipy.stats import kstest
 
 from klute_sim.diagnosis.noise.p_value import IRRELEVANT_MEAN_SQUARES, IRRELEVANT_SPREAD, convert_to_p_value
-from klute_sim.diagnosis.noise.repeat_products import SharedMisfit
+from klute_sim.diagnosis.noise.repeat_products import RepeatProducts
 
 
-def draw_clean_dataset(rng: np.random.Generator, n_products: int = 25) -> SharedMisfit:
+def draw_clean_dataset(rng: np.random.Generator, n_products: int = 25) -> RepeatProducts:
     """Return products of noise about an irrelevant misfit that is drawn for the dataset; half have a motion."""
     n_samples = rng.uniform(300.0, 500.0, (n_products, 2)) * np.array([1.0, 0.5 * rng.integers(2)])
     irrelevant = n_samples @ np.array(IRRELEVANT_MEAN_SQUARES)
     irrelevant += IRRELEVANT_SPREAD * rng.normal() * n_samples.sum(axis=1)
-    return SharedMisfit(irrelevant + rng.normal(size=n_products) * rng.uniform(20.0, 80.0, n_products), n_samples)
+    return RepeatProducts(irrelevant + rng.normal(size=n_products) * rng.uniform(20.0, 80.0, n_products), n_samples)
 
 
 def test_p_values_are_uniform_under_the_null_distribution() -> None:
@@ -46,4 +46,4 @@ def test_p_value_falls_with_the_misfit(seed: int, more: float) -> None:
 def test_p_value_is_a_half_where_the_misfit_is_what_clean_datasets_share() -> None:
     n_samples = np.tile([100.0, 100.0], (20, 1))
     products = n_samples @ np.array(IRRELEVANT_MEAN_SQUARES) + np.tile([-7.0, 7.0], 10)
-    assert convert_to_p_value(SharedMisfit(products, n_samples)) == pytest.approx(0.5)
+    assert convert_to_p_value(RepeatProducts(products, n_samples)) == pytest.approx(0.5)

@@ -13,7 +13,12 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.noise.p_value import IRRELEVANT_MEAN_SQUARES, compute_p_value, convert_to_p_value
-from klute_sim.diagnosis.noise.repeat_products import RepeatContrasts, SharedMisfit, measure_shared_misfit, sum_products
+from klute_sim.diagnosis.noise.repeat_products import (
+    RepeatContrasts,
+    RepeatProducts,
+    compute_repeat_products,
+    sum_products,
+)
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats
 
@@ -42,7 +47,7 @@ def make_skewed_level_noise(rng: np.random.Generator) -> np.ndarray:
 
 def draw_misfits(
     make_noise: Callable[[np.random.Generator], np.ndarray], n_draws: int, *, misfit: float = 0.0, n_repeats: int = 2
-) -> list[SharedMisfit]:
+) -> list[RepeatProducts]:
     """Return what linear fits of two numbers to three trials leave, whose repeats share a ``misfit``."""
     device, rng, simulator = load_device("klute-3-4-pair"), np.random.default_rng(7), Simulator(1)
     hypothesis = Hypothesis(device, UNCERTAINTIES, ())
@@ -72,7 +77,7 @@ def draw_misfits(
         x = -np.linalg.pinv(jacobian) @ target
         weighted_residuals = target + jacobian @ x
         residuals = data.split_weighted_residuals(weighted_residuals)
-        result = measure_shared_misfit(data, Fit(hypothesis, x, weighted_residuals, jacobian, True, residuals))
+        result = compute_repeat_products(data, Fit(hypothesis, x, weighted_residuals, jacobian, True, residuals))
         assert result is not None
         misfits.append(result)
     simulator.close()

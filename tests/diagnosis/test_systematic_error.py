@@ -19,7 +19,7 @@ from klute_sim.diagnosis.fitting import confidence_intervals
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import (
-    SharedMisfit,
+    MisfitInfluence,
     collect_shared_misfits,
     estimate_misfit_error,
     estimate_preparation_errors,
@@ -45,10 +45,10 @@ def test_misfit_error_is_the_rms_over_time_shifts() -> None:
     for k in range(-15, 16):  # the overlap, scaled to the whole trial
         x, there = slice(max(0, k), 60 + min(0, k)), slice(max(0, -k), 60 - max(0, k))
         change.append(60 / (60 - abs(k)) * sum(f[:, x] @ m[there] for f, m in zip(sensitivities, mean, strict=True)))
-    error = estimate_misfit_error([SharedMisfit(sensitivities, mean, no_noise)])
+    error = estimate_misfit_error([MisfitInfluence(sensitivities, mean, no_noise)])
     assert error == pytest.approx(QUANTILE * np.sqrt(np.mean(np.square(change), axis=0)), rel=1e-6)
     # The error may have the same sign in every group, so groups add linearly.
-    assert estimate_misfit_error([SharedMisfit(sensitivities, mean, no_noise)] * 2) == pytest.approx(
+    assert estimate_misfit_error([MisfitInfluence(sensitivities, mean, no_noise)] * 2) == pytest.approx(
         2.0 * np.asarray(error)
     )
 
@@ -61,9 +61,11 @@ def test_noise_alone_has_no_misfit_error_on_average() -> None:
         rows = make_samples(rng, 2, 400)
         mean = rows.mean(axis=0)
         deviations = np.sqrt(2.0) * (rows - mean)
-        squares.append(np.square(estimate_misfit_error([SharedMisfit(sensitivities, [mean], [deviations])]) / QUANTILE))
+        squares.append(
+            np.square(estimate_misfit_error([MisfitInfluence(sensitivities, [mean], [deviations])]) / QUANTILE)
+        )
         squares_without_noise.append(
-            np.square(estimate_misfit_error([SharedMisfit(sensitivities, [mean], [np.zeros((2, 400))])]) / QUANTILE)
+            np.square(estimate_misfit_error([MisfitInfluence(sensitivities, [mean], [np.zeros((2, 400))])]) / QUANTILE)
         )
     # By chance, half of the estimates are slightly above 0.
     assert (np.mean(squares, axis=0) < 0.4 * np.mean(squares_without_noise, axis=0)).all()

@@ -24,7 +24,7 @@ MAX_SHIFT_FRACTION = 0.25
 """Largest time shift of a misfit, as a fraction of the trial: one stride of four, or more (assumed)."""
 
 
-class SharedMisfit(NamedTuple):
+class MisfitInfluence(NamedTuple):
     """Residuals of the fit in one group of repeats, with their influence on the parameters."""
 
     sensitivities: Sequence[Array]
@@ -58,7 +58,7 @@ def estimate_preparation_errors(data: WeightedData, fit: Fit, pseudoinverse: Arr
     ]
 
 
-def collect_shared_misfits(data: WeightedData, fit: Fit, pseudoinverse: Array) -> list[SharedMisfit]:
+def collect_shared_misfits(data: WeightedData, fit: Fit, pseudoinverse: Array) -> list[MisfitInfluence]:
     """Return the shared misfit of each group whose trials have variants of their preparation."""
     influences: dict[tuple[str, str], list[tuple[Array, Array]]] = defaultdict(list)
     start = 0
@@ -83,10 +83,10 @@ def collect_shared_misfits(data: WeightedData, fit: Fit, pseudoinverse: Array) -
                 total += np.array([np.bincount(index, row, len(repeats.time)) for row in columns[:, is_covered]])
             if total.any():
                 parts[repeats.group].append((total, repeats.residuals.mean(axis=0), repeats.deviations))
-    return [SharedMisfit(*zip(*channels, strict=True)) for channels in parts.values()]
+    return [MisfitInfluence(*zip(*channels, strict=True)) for channels in parts.values()]
 
 
-def estimate_misfit_error(misfits: Sequence[SharedMisfit]) -> Array:
+def estimate_misfit_error(misfits: Sequence[MisfitInfluence]) -> Array:
     """Return the half width of the normalized parameters, (parameters,), due to shared misfit.
 
     The misfit itself does not move the parameters: the fit has absorbed it. A misfit of equal size might have occurred
@@ -99,7 +99,7 @@ def estimate_misfit_error(misfits: Sequence[SharedMisfit]) -> Array:
     )
 
 
-def _rms_over_shifts(misfit: SharedMisfit) -> Array:
+def _rms_over_shifts(misfit: MisfitInfluence) -> Array:
     """Return the root mean square change of the normalized parameters over all time shifts, (parameters,)."""
     n_repeats = min(len(rows) for rows in misfit.deviations)
     noise = [

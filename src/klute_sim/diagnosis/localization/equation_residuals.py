@@ -64,7 +64,7 @@ class EquationResidual(NamedTuple):
     """Kind of the equation, a key of :data:`EQUATION_UNITS`."""
     rms: float
     """Root mean square [SI] of the residual that all repeats share; 0 if the equation holds."""
-    z_score: float
+    significance: float
     """Mean square over its standard error under noise alone."""
     noise_std: float
     """Standard deviation [SI] of the residual between repeats."""
@@ -87,7 +87,8 @@ def select_significant_equations(equation_residuals: Sequence[EquationResidual])
     return [
         r
         for r in equation_residuals
-        if is_significant(Misfit(r.rms, r.z_score, r.noise_std)) and r.rms > NEGLIGIBLE_FRACTION * largest * r.noise_std
+        if is_significant(Misfit(r.rms, r.significance, r.noise_std))
+        and r.rms > NEGLIGIBLE_FRACTION * largest * r.noise_std
     ]
 
 
@@ -118,7 +119,7 @@ def compute_equation_residuals(data: WeightedData, final_fit: Fit) -> list[Equat
     for name, misfit in misfits.items():
         kind, part = parts.get(name, (name, None))
         equations.append(EquationResidual(kind, misfit.rms, misfit.significance, misfit.noise_rms, part))
-    return sorted(equations, key=lambda equation: -equation.z_score)
+    return sorted(equations, key=lambda equation: -equation.significance)
 
 
 def _compute_series(experiment: Experiment, setup: SimulationSetup) -> dict[str, TimeSeries]:

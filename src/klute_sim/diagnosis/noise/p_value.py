@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import t
 
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.noise.repeat_products import SharedMisfit, measure_shared_misfit
+from klute_sim.diagnosis.noise.repeat_products import RepeatProducts, compute_repeat_products
 
 IRRELEVANT_MEAN_SQUARES = (0.019, 0.101)
 """Mean squares of the irrelevant misfit in channels of loads and of motions, in variances of the noise."""
@@ -36,12 +36,12 @@ def compute_p_value(data: WeightedData, fit: Fit) -> float | None:
 
     Returns None without repeats, or where the trials are too short.
     """
-    shared = measure_shared_misfit(data, fit)
+    shared = compute_repeat_products(data, fit)
     return None if shared is None else convert_to_p_value(shared)
 
 
 def convert_to_p_value(
-    shared: SharedMisfit,
+    shared: RepeatProducts,
     mean_squares: tuple[float, float] = IRRELEVANT_MEAN_SQUARES,
     spread: float = IRRELEVANT_SPREAD,
 ) -> float:
@@ -51,14 +51,14 @@ def convert_to_p_value(
 
 
 def compute_null_distribution(
-    shared: SharedMisfit, mean_squares: tuple[float, float], spread: float
+    shared: RepeatProducts, mean_squares: tuple[float, float], spread: float
 ) -> NullDistribution:
     """Return the distribution of the sum of the products if no relevant misfit is left.
 
-    The variance is that of the products about what the total makes of each, so that a misfit does not add to it. What
-    datasets differ in, and noise that outlasts the intervals, adds ``spread``. Only the first part is estimated from
-    the few products of a dataset, so the tails are those of Student's t with the degrees of freedom of the sum
-    (Satterthwaite 1946, *Biometrics Bulletin* 2, 110 to 114).
+    The variance has two parts: the sample variance of the products about their shares of the total, to which a misfit
+    adds nothing, and ``spread``, the scatter between datasets. Only the first part is estimated from the few products
+    of a dataset, so the tails are those of Student's t with the degrees of freedom of the sum (Satterthwaite 1946,
+    *Biometrics Bulletin* 2, 110 to 114).
     """
     total, n_products = shared.n_samples.sum(), len(shared.products)
     excess = shared.products - shared.n_samples @ np.array(mean_squares)

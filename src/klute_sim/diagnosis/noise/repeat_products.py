@@ -45,7 +45,7 @@ class RepeatContrasts(NamedTuple):
     """Samples within which the noise of the channel is correlated."""
 
 
-class SharedMisfit(NamedTuple):
+class RepeatProducts(NamedTuple):
     """Products of the residuals of different repeats over the variance of the noise.
 
     Samples count alike in all channels. Their correlation time would be a bad weight: it is estimated from differences
@@ -59,7 +59,7 @@ class SharedMisfit(NamedTuple):
     (products, 2)."""
 
 
-def measure_shared_misfit(data: WeightedData, fit: Fit) -> SharedMisfit | None:
+def compute_repeat_products(data: WeightedData, fit: Fit) -> RepeatProducts | None:
     """Return the products of different repeats' residuals.
 
     Returns None without repeats, or where fewer than :data:`MIN_BLOCKS` intervals can be formed.
@@ -67,8 +67,8 @@ def measure_shared_misfit(data: WeightedData, fit: Fit) -> SharedMisfit | None:
     return sum_products(_collect_contrasts(data, fit))
 
 
-def sum_products(contrasts: Sequence[RepeatContrasts]) -> SharedMisfit | None:
-    """Return the products of the repeats in ``contrasts``; None as in :func:`measure_shared_misfit`."""
+def sum_products(contrasts: Sequence[RepeatContrasts]) -> RepeatProducts | None:
+    """Return the products of the repeats in ``contrasts``; None as in :func:`compute_repeat_products`."""
     groups: dict[tuple[str, int], list[RepeatContrasts]] = defaultdict(list)
     for entry in contrasts:
         groups[entry.group, len(entry.contrasts)].append(entry)
@@ -83,7 +83,7 @@ def sum_products(contrasts: Sequence[RepeatContrasts]) -> SharedMisfit | None:
         products.append(np.ravel(group_products) * (2.0 / (n_repeats - 1.0)))
         n_samples.append(np.repeat(counts / len(pairs[0]), len(pairs[0]), axis=0))
     n_intervals = sum(min(entry.n_blocks for entry in entries) for entries in groups.values())
-    return SharedMisfit(np.concatenate(products), np.concatenate(n_samples)) if n_intervals >= MIN_BLOCKS else None
+    return RepeatProducts(np.concatenate(products), np.concatenate(n_samples)) if n_intervals >= MIN_BLOCKS else None
 
 
 def _multiply_repeats(entry: RepeatContrasts, n_blocks: int) -> Array:
