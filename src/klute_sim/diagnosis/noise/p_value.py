@@ -14,9 +14,9 @@ from scipy.stats import t
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.noise.repeat_products import RepeatProducts, compute_repeat_products
 
-IRRELEVANT_MEAN_SQUARES = (0.019, 0.101)
+IRRELEVANT_MEAN_SQUARES = (0.021, 0.083)
 """Mean squares of the irrelevant misfit in channels of loads and of motions, in variances of the noise."""
-IRRELEVANT_SPREAD = 0.022
+IRRELEVANT_SPREAD = 0.019
 """Standard deviation of the mean square between datasets, in variances of the noise."""
 
 
