@@ -295,7 +295,9 @@ def _select_hidden(rows: Iterable[DatasetResult]) -> list[DatasetResult]:
 def _is_worse_than_refitted(row: DatasetResult) -> bool:
     """Return whether the device that the verdict recommends misses the force of unseen trials by more."""
     gap = row.verdict.get("gap", {}).get("force")
-    return bool(gap) and row.verdict.get("recommended") == "with-effects" and gap["after"] > 1.01 * gap["refitted"]
+    return (
+        bool(gap) and row.verdict.get("recommended") == "with-effects" and gap["with_effects"] > 1.01 * gap["refitted"]
+    )
 
 
 def _is_first_right(row: DatasetResult) -> bool:
@@ -420,11 +422,11 @@ def removed_gap_fraction(row: DatasetResult) -> float | None:
 
     Channels are scaled by their noise. None where a refit leaves almost nothing.
     """
-    gaps = [gap for gap in row.verdict.get("gap", {}).values() if gap["floor"]]
+    gaps = [gap for gap in row.verdict.get("gap", {}).values() if gap["noise_floor"]]
     if not gaps or residual_over_noise(row.verdict) < MIN_RELEVANT_SIZE:
         return None
-    gap = max(gaps, key=lambda channel_gap: channel_gap["refitted"] / channel_gap["floor"])
-    return float((gap["refitted"] - gap["after"]) / (gap["refitted"] - gap["floor"]))
+    gap = max(gaps, key=lambda channel_gap: channel_gap["refitted"] / channel_gap["noise_floor"])
+    return float((gap["refitted"] - gap["with_effects"]) / (gap["refitted"] - gap["noise_floor"]))
 
 
 def tabulate_coverage(rows: Iterable[DatasetResult]) -> dict[str, tuple[int, int]]:

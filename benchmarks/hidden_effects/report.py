@@ -161,12 +161,14 @@ def summarise_method(rows: Sequence[DatasetResult]) -> dict[str, Any]:
 
 def _worst_gap(row: DatasetResult) -> tuple[float | None, float | None]:
     """Return the gap over the noise floor and its removed fraction, in the worst channel after a refit."""
-    gaps = [gap for gap in row.verdict.get("gap", {}).values() if gap["floor"]]
+    gaps = [gap for gap in row.verdict.get("gap", {}).values() if gap["noise_floor"]]
     if not gaps:
         return None, None
-    gap = max(gaps, key=lambda channel_gap: channel_gap["refitted"] / channel_gap["floor"])
-    excess = gap["refitted"] - gap["floor"]
-    return gap["refitted"] / gap["floor"], (gap["refitted"] - gap["after"]) / excess if excess > 0.0 else None
+    gap = max(gaps, key=lambda channel_gap: channel_gap["refitted"] / channel_gap["noise_floor"])
+    excess = gap["refitted"] - gap["noise_floor"]
+    return gap["refitted"] / gap["noise_floor"], (
+        gap["refitted"] - gap["with_effects"]
+    ) / excess if excess > 0.0 else None
 
 
 def _median(values: Iterable[float | None]) -> float | None:

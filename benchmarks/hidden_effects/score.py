@@ -64,8 +64,8 @@ def residual_over_noise(verdict: Verdict) -> float:
 
 def _gap_over_noise(verdict: Verdict, stage: str) -> float:
     """Return the RMS over the noise at a ``stage`` of the gap; 0 where the noise is unknown."""
-    gaps = [gap for gap in verdict.get("gap", {}).values() if gap["floor"]]
-    return math.sqrt(max([0.0, *((gap[stage] / gap["floor"]) ** 2 - 1.0 for gap in gaps)]))
+    gaps = [gap for gap in verdict.get("gap", {}).values() if gap["noise_floor"]]
+    return math.sqrt(max([0.0, *((gap[stage] / gap["noise_floor"]) ** 2 - 1.0 for gap in gaps)]))
 
 
 def near_twins(name: str, verdict: Verdict) -> set[str]:
@@ -117,7 +117,7 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     if not identified:
         return "flagged" if kind in FLAGGED_VERDICTS else "missed"
     if set(identified) < set(hidden):
-        return "absorbed" if _gap_over_noise(verdict, "after") < MAX_ABSORBED_RESIDUAL else "part"
+        return "absorbed" if _gap_over_noise(verdict, "with_effects") < MAX_ABSORBED_RESIDUAL else "part"
     return "twin" if _is_near_twin(hidden, identified, verdict) else "wrong"
 
 

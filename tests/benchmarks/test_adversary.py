@@ -50,7 +50,7 @@ def truth(present: tuple = (), effects: tuple = ()) -> dict:
 
 
 def verdict(kind: str, *effects: dict, alternatives: tuple = ()) -> dict:
-    gap = {"force": {"refitted": 9.0, "after": 1.0, "floor": 1.0}}
+    gap = {"force": {"refitted": 9.0, "with_effects": 1.0, "noise_floor": 1.0}}
     told = {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives)}
     return {**told, "gap": gap, "indistinguishable": [], "cpu_s": 1.0}
 

@@ -133,7 +133,7 @@ def test_sparse_regression_identifies_effects_and_ambiguities(tmp_path: Path) ->
     assert found["alternatives"] == [["laminar_orifice"]]
     assert found["terms"]["n v"] == pytest.approx(600.0, rel=0.1)
     assert score.score_verdict(truth, found) == "right"
-    assert found["gap"]["force"]["after"] < 0.5 * found["gap"]["force"]["refitted"]
+    assert found["gap"]["force"]["with_effects"] < 0.5 * found["gap"]["force"]["refitted"]
     check_scorer_reads(found, tmp_path / "d0000.json")
     less = baselines.run_method("sindy", tmp_path / "thick", ["muscle_damping"])
     assert score.list_named_effects(less) == ["laminar_orifice"]
@@ -153,7 +153,7 @@ def test_bic_identifies_strong_effect(tmp_path: Path) -> None:
     if braid["form"] == "coulomb":
         assert braid["parameters"]["slope_n_per_bar"]["value"] == pytest.approx(12.0, rel=0.1)
     gap = found["gap"]["force"]
-    assert gap["after"] < 1.3 * gap["floor"] < 0.3 * gap["refitted"]
+    assert gap["with_effects"] < 1.3 * gap["noise_floor"] < 0.3 * gap["refitted"]
     check_scorer_reads(found, tmp_path / "d0000.json")
 
 
@@ -178,7 +178,7 @@ def test_method_identifies_strong_effect(thick: Path, tmp_path: Path, method: st
     if damping["form"] == "viscous":
         assert damping["parameters"]["coefficient_n_s_per_m"]["value"] == pytest.approx(600.0, rel=0.15)
     gap = found["gap"]["force"]
-    assert gap["after"] < 0.5 * gap["refitted"]
+    assert gap["with_effects"] < 0.5 * gap["refitted"]
     assert found["cpu_s"] > 0.0
     assert not any(each["name"] in exclude for each in found["effects"])
     check_scorer_reads(found, tmp_path / "d0000.json")
@@ -192,7 +192,7 @@ def test_gaussian_process_says_that_something_is_missing(tmp_path: Path) -> None
     generate.make_dataset(tmp_path / "thick", 2, effects=hidden)  # one group of trials is too little to learn from
     found = baselines.run_method("gp_discrepancy", tmp_path / "thick")
     assert (found["verdict"], found["effects"]) == ("unexplained", [])
-    assert found["gap"]["force"]["after"] < found["gap"]["force"]["refitted"]
+    assert found["gap"]["force"]["with_effects"] < found["gap"]["force"]["refitted"]
     check_scorer_reads(found, tmp_path / "d0000.json")
 
 
@@ -297,8 +297,8 @@ def test_tables_compare_methods(capsys: pytest.CaptureFixture[str]) -> None:
 
     def row(truth: dict[str, Any], verdict: str, after: float, outcome: str, seconds: float = 2.0) -> DatasetResult:
         gap = {
-            "force": {"refitted": 11.0, "after": after, "floor": 3.0},
-            "pressure": {"refitted": 1, "after": 1, "floor": 1},
+            "force": {"refitted": 11.0, "with_effects": after, "noise_floor": 3.0},
+            "pressure": {"refitted": 1, "with_effects": 1, "noise_floor": 1},
         }
         effects = [
             {**e, "channel": None, "parameters": {"force_n": {"value": 15.0, "low": 14.0, "high": 16.0}}}

@@ -29,7 +29,7 @@ def test_names_are_events_that_are_true_if_they_are_hidden() -> None:
     verdict = {
         "verdict": "identified",
         "p_value": 2e-4,
-        "gap": {"force": {"refitted": 5.0, "after": 3.0, "floor": 3.0}},
+        "gap": {"force": {"refitted": 5.0, "with_effects": 3.0, "noise_floor": 3.0}},
         "effects": [
             {"name": "seal_friction", "channel": None, "evidence": {"margin": 0.3}},
             {"name": "sensor_gain", "channel": "force", "evidence": {"margin": 0.01}},

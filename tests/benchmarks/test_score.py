@@ -35,7 +35,7 @@ MASS = {"name": "moving_mass", "form": "rigid", "parameters": {"mass_kg": 2.0}}
 
 
 def verdict(kind: str, *effects: dict, alternatives: tuple = (), left: float = 1.0, after: float = 1.0) -> dict:
-    gap = {"force": {"refitted": left, "after": after, "floor": 1.0}}
+    gap = {"force": {"refitted": left, "with_effects": after, "noise_floor": 1.0}}
     answer = {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives)}
     return answer | {"gap": gap, "indistinguishable": [["braid_hysteresis", "seal_friction"]], "cpu_s": 10.0}
 

@@ -63,8 +63,8 @@ def test_hidden_friction_is_identified_with_its_size(friction: tuple[Diagnosis, 
     assert slope["low"] < 6.0 < slope["high"]
     assert slope["value"] == pytest.approx(6.0, rel=0.05)
     gap = verdict["gap"]["force"]
-    assert gap["before"] >= gap["refitted"] > 3.0 * gap["floor"]
-    assert gap["after"] < 1.10 * gap["floor"]
+    assert gap["nominal"] >= gap["refitted"] > 3.0 * gap["noise_floor"]
+    assert gap["with_effects"] < 1.10 * gap["noise_floor"]
     rejected = {entry["name"]: entry["reason"] for entry in verdict["rejected"]}
     assert "braid_hysteresis" not in rejected
     assert rejected.keys() >= {"seal_friction", "muscle_damping"}
@@ -183,7 +183,7 @@ def test_without_repeats_only_large_effects_are_added(tmp_path: Path) -> None:
     slope = entry["parameters"]["slope_n_per_bar"]
     assert slope["value"] == pytest.approx(6.0, rel=0.1)
     assert slope["low"] < 6.0 < slope["high"]
-    assert verdict_to_dict(diagnosis)["gap"]["force"]["floor"] is None
+    assert verdict_to_dict(diagnosis)["gap"]["force"]["noise_floor"] is None
     for result in (plain, diagnosis):
         assert any("Record every input at least twice" in reason for reason in result.reasons)
     DiagnosisResult(diagnosis).write_files(tmp_path, report=True)
@@ -284,11 +284,11 @@ def test_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     assert verdict == json.loads((tmp_path / "results" / "verdict.json").read_text("utf-8"))
     assert set(verdict) == {
         *("schema", "verdict", "reasons", "effects", "numbers", "alternatives", "indistinguishable", "split"),
-        *("where", "gap", "held_out", "prediction", "recommended", "direct_measurements"),
+        *("where", "gap", "held_out", "cross_validation", "recommended", "direct_measurements"),
         *("p_value", "probability_nothing_missing", "misfit_map", "predictions"),
         *("rejected", "next_experiment", "device_file", "accepted"),
     }
-    assert verdict["schema"] == "klute-sim-verdict/2"
+    assert verdict["schema"] == "klute-sim-verdict/3"
     assert verdict["effects"][0]["parameters"]["coefficient_n_s_per_m"]["value"] == pytest.approx(400.0, rel=0.05)
     device = load_device(str(tmp_path / "results" / "device.toml"))
     assert device.spec.effects["muscle_damping"]["form"] == "viscous"

@@ -110,10 +110,10 @@ def test_known_effects_of_short_muscles_are_identified(tmp_path: Path) -> None:
     # The law stays imperfect, so specimens are left out; the names hold without any of them.
     assert verdict["verdict"] == "identified-in-part"
     assert verdict["held_out"] == "confirmed"
-    assert verdict["prediction"]["left_out"] == "specimen"
+    assert verdict["cross_validation"]["left_out"] == "specimen"
     assert {effect["name"] for effect in verdict["effects"]} == {"passive_tension", "end_taper"}
-    assert set(verdict["prediction"]["stability"].values()) == {1.0}
-    assert verdict["prediction"]["share"] > 0.7
+    assert set(verdict["cross_validation"]["stability"].values()) == {1.0}
+    assert verdict["cross_validation"]["share"] > 0.7
     for effect in verdict["effects"]:
         assert all(entry["low"] <= entry["value"] <= entry["high"] for entry in effect["parameters"].values())
     # The intervals cover the refits without one specimen.

@@ -225,7 +225,7 @@ def test_data_driven_term_closes_the_gap_of_an_unexplained_verdict(unexplained: 
     assert f"{friction['value']:.3g} N p d" in term["formula"]
     gap = verdict["gap"]["force"]
     assert unexplained.evaluated_on == "test"
-    remainder = (gap["after"] ** 2 - gap["floor"] ** 2) / (gap["refitted"] ** 2 - gap["floor"] ** 2)
+    remainder = (gap["with_effects"] ** 2 - gap["noise_floor"] ** 2) / (gap["refitted"] ** 2 - gap["noise_floor"] ** 2)
     assert remainder < 0.05
     assert verdict["alternatives"] == []
     assert verdict["device_file"] == "device.toml"

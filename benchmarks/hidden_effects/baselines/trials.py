@@ -55,7 +55,7 @@ def compute_gap(test_experiments: Sequence[Experiment], before: Residuals, after
         gap[channel] = {
             "unit": unit,
             "refitted": compute_rms(old[channel]) / factor,
-            "after": compute_rms(new[channel]) / factor,
-            "floor": noise.std / factor,
+            "with_effects": compute_rms(new[channel]) / factor,
+            "noise_floor": noise.std / factor,
         }
     return gap

@@ -134,7 +134,7 @@ def find_fault(name: str, owner: Any, kinds: Mapping[str, str]) -> str:
 def score_answer(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> ScoredAnswer:
     """Return the scored ``answer``; what a refit leaves, which decides on *absorbed*, is that of the ground truth."""
     refitted = math.sqrt(1.0 + float(truth.get("size") or 0.0) ** 2)
-    gap = {"worst": {"floor": 1.0, "refitted": refitted, "after": refitted}}
+    gap = {"worst": {"noise_floor": 1.0, "refitted": refitted, "with_effects": refitted}}
     complete = {**answer, "gap": gap, "indistinguishable": truth.get("near_twins", [])}
     return ScoredAnswer(name, truth, complete, score_verdict(truth, complete))
 

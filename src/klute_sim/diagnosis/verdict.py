@@ -17,7 +17,7 @@ from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.transfer import TransferPrediction, summarize_predictions
 from klute_sim.effects.families import instrument
 
-VERDICT_SCHEMA = "klute-sim-verdict/2"
+VERDICT_SCHEMA = "klute-sim-verdict/3"
 DEVICE_FILE_NAME = "device.toml"
 
 
@@ -64,7 +64,7 @@ def verdict_to_dict(diagnosis: Diagnosis, predictions: Sequence[TransferPredicti
         "numbers": _list_fitted_numbers(diagnosis),
         "alternatives": list_alternatives(diagnosis),
         "held_out": diagnosis.held_out,
-        "prediction": _describe_prediction(diagnosis.prediction) if diagnosis.prediction else None,
+        "cross_validation": _describe_cross_validation(diagnosis.prediction) if diagnosis.prediction else None,
         "rejected": [
             {
                 "name": r.term.effect,
@@ -95,10 +95,10 @@ def verdict_to_dict(diagnosis: Diagnosis, predictions: Sequence[TransferPredicti
         "gap": {
             channel: {
                 "unit": CHANNEL_UNITS[channel][0],
-                "before": rms.nominal / CHANNEL_UNITS[channel][1],
+                "nominal": rms.nominal / CHANNEL_UNITS[channel][1],
                 "refitted": rms.refitted / CHANNEL_UNITS[channel][1],
-                "after": rms.with_effects / CHANNEL_UNITS[channel][1],
-                "floor": None if rms.noise_floor is None else rms.noise_floor / CHANNEL_UNITS[channel][1],
+                "with_effects": rms.with_effects / CHANNEL_UNITS[channel][1],
+                "noise_floor": None if rms.noise_floor is None else rms.noise_floor / CHANNEL_UNITS[channel][1],
             }
             for channel, rms in diagnosis.channel_rms.items()
         },
@@ -123,7 +123,7 @@ def _list_fitted_numbers(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
     }
 
 
-def _describe_prediction(prediction: PredictiveResult) -> dict[str, Any]:
+def _describe_cross_validation(prediction: PredictiveResult) -> dict[str, Any]:
     """Return how well models predict what was left out; errors are relative to the model without added effects."""
     return {
         "left_out": prediction.fold_kind,
@@ -134,7 +134,7 @@ def _describe_prediction(prediction: PredictiveResult) -> dict[str, Any]:
             {
                 "effects": [term.qualified_name for term in model.terms],
                 "squared_error": round(model.error / prediction.base.error, 4),
-                "obstacle": model.obstacle or None,
+                "reason": model.obstacle or None,
             }
             for model in prediction.models
         ],

@@ -212,7 +212,12 @@ def _build_gap_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
     rows = []
     for channel, gap in diagnosis.channel_rms.items():
         unit, si = CHANNEL_UNITS[channel]
-        parts = {"before": gap.nominal, "refitted": gap.refitted, "after": gap.with_effects, "floor": gap.noise_floor}
+        parts = {
+            "nominal": gap.nominal,
+            "refitted": gap.refitted,
+            "with_effects": gap.with_effects,
+            "noise_floor": gap.noise_floor,
+        }
         row = {
             name: "not repeated" if value is None else words.format_number(value / si, 3)
             for name, value in parts.items()
