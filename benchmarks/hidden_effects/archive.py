@@ -2,7 +2,7 @@
 
     python -m benchmarks.hidden_effects.archive OUT benchmarks/hidden_effects/results/test_909.tar.xz
     tar -xf benchmarks/hidden_effects/results/test_909.tar.xz -C OUT           # OUT exists
-    python -m benchmarks.hidden_effects.run OUT --half test --finished
+    python -m benchmarks.hidden_effects.run OUT --split test --finished
 
 OUT is a folder of :mod:`benchmarks.hidden_effects.run`. Datasets are left out: they follow from their seeds.
 """

@@ -1,6 +1,6 @@
 """Calibrate the probabilities of verdicts, and measure how reliable they are.
 
-    python -m benchmarks.hidden_effects.calibrate OUT --seed 707 --write     # coefficients from one half
+    python -m benchmarks.hidden_effects.calibrate OUT --seed 707 --write     # coefficients from one split
     python -m benchmarks.hidden_effects.calibrate OUT --seed 909             # reliability on another
 
 OUT holds results of :mod:`benchmarks.hidden_effects.run`. An event is a name of a verdict, which is true if it is
@@ -102,7 +102,7 @@ def main() -> None:
     """Fit or evaluate the calibration and print the reliability."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder of datasets and results")
-    parser.add_argument("--seed", type=int, required=True, help="seed of the half")
+    parser.add_argument("--seed", type=int, required=True, help="seed of the split")
     parser.add_argument("--write", action="store_true", help="fit the coefficients and write them into the package")
     arguments = parser.parse_args()
     rows = load_rows(arguments.out, arguments.seed)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from benchmarks.hidden_effects.generate import make_dataset
-from benchmarks.hidden_effects.plan import HALF_SEEDS, DatasetSpec, plan_datasets
+from benchmarks.hidden_effects.plan import SPLIT_SEEDS, DatasetSpec, plan_datasets
 from scipy.optimize import minimize
 from scipy.stats import binomtest, kstest, t
 from threadpoolctl import threadpool_limits
@@ -85,8 +85,8 @@ def main() -> None:
         "--seed",
         type=int,
         nargs="+",
-        default=[HALF_SEEDS["development"]],
-        help="seeds of the datasets  [default: that of the development half]",
+        default=[SPLIT_SEEDS["development"]],
+        help="seeds of the datasets  [default: that of the development split]",
     )
     parser.add_argument("--at-once", type=int, default=1, metavar="N", help="datasets at once  [default: 1]")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the p-values and their test")

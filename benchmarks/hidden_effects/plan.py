@@ -48,9 +48,9 @@ BLOCK_SIZES = {
     "adversary": 24,
 }
 """Number of datasets of each block that gives sufficient statistics."""
-HALF_SEEDS = {"development": 101, "calibration": 707, "test": 909}
-"""Seeds: thresholds are set on the development half and probabilities on the calibration half. Both are frozen before
-the test half is evaluated."""
+SPLIT_SEEDS = {"development": 101, "calibration": 707, "test": 909}
+"""Seeds: thresholds are set on the development split and probabilities on the calibration split. Both are frozen before
+the test split is evaluated."""
 TARGET_SIZES = (2.0, 8.0, 0.7)
 """Sizes of single effects over the noise."""
 REPEAT_COUNTS = (1, 2, 3, 4)

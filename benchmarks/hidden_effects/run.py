@@ -1,12 +1,12 @@
 """Diagnose datasets with hidden effects and compare the verdicts with the ground truth.
 
-    python -m benchmarks.hidden_effects.run OUT --half test                      # all blocks
+    python -m benchmarks.hidden_effects.run OUT --split test                      # all blocks
     python -m benchmarks.hidden_effects.run OUT --block single --count 31        # a part
 
 Missing datasets are generated, every result is saved immediately, and results of the current code are reused, so the
 run can be interrupted and restarted. ``--shard 2/4`` processes the second quarter of every block, for several machines
-that share OUT. Thresholds are set on the development half; the test half is for published numbers. The ground truth is
-read only after the verdict is saved. The direct measurements that an `indistinguishable` verdict lists are made as a
+that share OUT. Thresholds are set on the development split; the test split is for published numbers. The ground truth
+is read only after the verdict is saved. The direct measurements that an `indistinguishable` verdict lists are made as a
 follow-up, which takes a laboratory minutes; without any, the decisive experiment that it proposes is performed.
 ``--finished`` scores stored results of any code and diagnoses nothing; OUT can be an unpacked archive of ``results/``.
 ``--baselines`` adds other methods (:mod:`baselines`), which require ``pip install --group benchmark`` and test benches.
@@ -37,8 +37,8 @@ from benchmarks.hidden_effects.plan import (
     ADVERSARY_BLOCK,
     BLOCK_SIZES,
     GAIT_BLOCKS,
-    HALF_SEEDS,
     JOINT_BLOCKS,
+    SPLIT_SEEDS,
     DatasetSpec,
     plan_datasets,
 )
@@ -282,7 +282,7 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="folder of datasets and results")
     parser.add_argument("--block", choices=tuple(BLOCK_SIZES), action="append", help="may be repeated  [default: all]")
     parser.add_argument("--count", type=int, help="datasets of every block  [default: as many as tell enough]")
-    parser.add_argument("--half", choices=tuple(HALF_SEEDS), default="development", help="[default: development]")
+    parser.add_argument("--split", choices=tuple(SPLIT_SEEDS), default="development", help="[default: development]")
     parser.add_argument("--shard", default="1/1", metavar="I/N", help="do the I-th of N parts  [default: 1/1]")
     parser.add_argument("--at-once", type=int, default=1, metavar="N", help="datasets at once  [default: 1]")
     parser.add_argument("--baselines", action="store_true", help="run the other methods, too")
@@ -295,7 +295,7 @@ def main() -> None:
     except ModuleNotFoundError as error:
         parser.error(str(error))
     blocks = [block for block in arguments.block or BLOCK_SIZES if not (methods and get_rig(block) != "bench")]
-    specs = list(_iter_specs(blocks, arguments.count, HALF_SEEDS[arguments.half], arguments.shard))
+    specs = list(_iter_specs(blocks, arguments.count, SPLIT_SEEDS[arguments.split], arguments.shard))
     console = Console(stderr=True)
     run = BenchmarkRun(arguments.out, max(1, (os.cpu_count() or 1) // arguments.at_once), methods)
     if arguments.finished:
@@ -315,7 +315,7 @@ def main() -> None:
         others = {method: [method_results[method] for _, method_results in completed] for method in methods}
     if arguments.page:
         head = {
-            "half": arguments.half,
+            "split": arguments.split,
             "code": compute_code_digest(),
             "datasets": len(rows),
             "at once": arguments.at_once,

@@ -333,6 +333,6 @@ def test_tables_compare_methods(capsys: pytest.CaptureFixture[str]) -> None:
     report.print_report(rows, others, as_json=False)
     text = " ".join(capsys.readouterr().out.split())
     assert "1 of 1" in text
-    lines = page.render_page(rows, others, {"half": "development"}).splitlines()
+    lines = page.render_page(rows, others, {"split": "development"}).splitlines()
     assert "| klute-sim | 0 of 1 | 1 of 1 | 1 of 1 | 0 of 1 | 1 of 1 | 0.50 | 4.00 |" in lines
     assert "| sindy | 1 of 1 | 0 of 1 | 1 of 1 | 1 of 1 | 0 of 1 | 0.50 | 2.00 |" in lines

@@ -169,7 +169,7 @@ def test_metrics_match_results(tmp_path: Path) -> None:
     decided = found["resolved by the proposed measurement or experiment"]
     assert (decided.value, decided.n) == (0.5, 2)  # of the third the program said that nothing separates it
     assert found["exact set, pairs"].value is None
-    text = page.render_page(rows, {}, {"half": "test"})
+    text = page.render_page(rows, {}, {"split": "test"})
     assert "| clean_1 |" in text
     assert "| block | datasets | right | false-alarm | absorbed | wrong |" in text
     assert "| single | 3 | 2 |  | 1 |  | 1 of 2 | 10 | 10 |" in text

@@ -30,8 +30,8 @@ from benchmarks.hidden_effects.plan import (
     ADVERSARY_BLOCK,
     BLOCK_SIZES,
     GAIT_BLOCKS,
-    HALF_SEEDS,
     JOINT_BLOCKS,
+    SPLIT_SEEDS,
     plan_datasets,
 )
 from benchmarks.hidden_effects.release.scorer import NAMES_FILE, OPEN_FILE, SEALED_FILE, WITHHELD_FILE, seal
@@ -162,12 +162,12 @@ def main() -> None:
     parser.add_argument("--block", choices=BENCH_BLOCKS, action="append", help="may be repeated  [default: all]")
     parser.add_argument("--count", type=int, help="datasets of every block, at random  [default: all]")
     seeds = parser.add_mutually_exclusive_group()
-    seeds.add_argument("--half", choices=tuple(HALF_SEEDS), default="test", help="[default: test]")
+    seeds.add_argument("--split", choices=tuple(SPLIT_SEEDS), default="test", help="[default: test]")
     seeds.add_argument("--seed", type=int, help="seed of a release to develop on, with truths.json")
     options = parser.parse_args()
     if options.out.exists():
         parser.error(f"{options.out} exists; choose a new folder")
-    seed = HALF_SEEDS[options.half] if options.seed is None else options.seed
+    seed = SPLIT_SEEDS[options.split] if options.seed is None else options.seed
     blocks, is_own = options.block or BENCH_BLOCKS, options.seed is not None
     truths = freeze(options.out, blocks, options.count, seed, has_open_truths=is_own)
     size = sum(file.stat().st_size for file in options.out.rglob("*") if file.is_file()) / 1e6
