@@ -48,8 +48,8 @@ CONFUSION_TABLE_HEAD = (
     "class size",
     "similar to",
     "|cos|",
-    "split by",
-    "then",
+    "separated by",
+    "remaining cosine",
 )
 """Columns of the table of confusions; :data:`INDEX_FILE` explains them."""
 EFFECTS_DRAWN_PER_ANALYSIS = 10.0
@@ -116,10 +116,10 @@ def simulate_effects(folder: Path, progress: ProgressCallback) -> dict[str, Any]
     classes = [
         {
             "effects": list(map(str, group.terms)),
-            "size": group.n_effects,
+            "n_effects": group.n_effects,
             "cosine": group.cosine,
-            "split_by": group.separated_by.description if group.separated_by else None,
-            "cosine_then": group.remaining_cosine,
+            "separated_by": group.separated_by.description if group.separated_by else None,
+            "remaining_cosine": group.remaining_cosine,
         }
         for group in find_indistinguishable_classes(identifiability)
     ]
@@ -189,15 +189,20 @@ def _render_confusions(effect: Effect, data: dict[str, Any]) -> str:
     for row in data["effects"]:
         if row["effect"] != effect.name:
             continue
-        effect_cells = (row[kind], f"{row['size']:.0f}", f"{100.0 * row['kept']:.0f} %", str(row["class_size"]))
+        effect_cells = (
+            row[kind],
+            f"{row['signal_to_noise']:.0f}",
+            f"{100.0 * row['orthogonal_fraction']:.0f} %",
+            str(row["class_size"]),
+        )
         similar_effects = [
             (
                 _link_term(pair["effect"]),
                 f"{pair['cosine']:.3f}",
-                pair["split_by"] or words.NO_DISTINGUISHING_CHANGE,
-                _format_split_cosine(pair),
+                pair["separated_by"] or words.NO_DISTINGUISHING_CHANGE,
+                _format_remaining_cosine(pair),
             )
-            for pair in row["alike"]
+            for pair in row["similar_effects"]
         ] or [(f"nothing; closest: {_link_term(row['closest'])}", f"{row['closest_cosine']:.3f}", "", "")]
         lines += [
             (*effect_cells, *similar_effects[0]),
@@ -210,8 +215,8 @@ def _render_confusions(effect: Effect, data: dict[str, Any]) -> str:
     return f"I{test_setup}:\n\n{table}\n[The overview]({INDEX_FILE}#indistinguishable-effects) explains the columns.\n"
 
 
-def _format_split_cosine(pair: dict[str, Any]) -> str:
-    return f"{pair['cosine_then']:.3f}"
+def _format_remaining_cosine(pair: dict[str, Any]) -> str:
+    return f"{pair['remaining_cosine']:.3f}"
 
 
 def _link_term(term: str) -> str:
@@ -232,10 +237,10 @@ def _render_index(data: dict[str, Any]) -> str:
     groups = [
         (
             ", ".join(map(_link_term, group["effects"])),
-            str(group["size"]),
+            str(group["n_effects"]),
             f"{group['cosine']:.3f}",
-            group["split_by"] or words.NO_DISTINGUISHING_CHANGE,
-            _format_split_cosine(group),
+            group["separated_by"] or words.NO_DISTINGUISHING_CHANGE,
+            _format_remaining_cosine(group),
         )
         for group in data["classes"]
     ]
@@ -265,11 +270,11 @@ indistinguishable effects. These protocols do not separate its effects well; ano
 - *Typical size over noise* is the root of chi squared of the typical size after projection.
 - *Left after refitting* is the fraction of the change that projection leaves: small where the numbers of the device
   reproduce the effect.
-- *Split by* is the change of the rig that separates a class best, if all its cosines fall below
-  {INDISTINGUISHABLE_COSINE:g}. *Then* is its largest cosine with that change, or with the best one where none is
-  sufficient.
+- *Separated by* is the change of the rig that separates a class best, if all its cosines fall below
+  {INDISTINGUISHABLE_COSINE:g}. *Remaining cosine* is its largest cosine with that change, or with the best one where
+  none is sufficient.
 
-{_render_table(("class", "size", "largest |cos|", "split by", "then"), groups)}
+{_render_table(("class", "effects", "largest cosine", "separated by", "remaining cosine"), groups)}
 All other effects are distinguishable (their largest cosine is below {INDISTINGUISHABLE_COSINE:g}).
 [{DATA_FILE}]({DATA_FILE}) has the numbers.
 

@@ -75,13 +75,13 @@ def test_each_class_has_its_separating_change(data: dict[str, Any]) -> None:
     assert data["classes"]
     for group in data["classes"]:
         # Forms of one effect count once; an instrument effect counts once for each channel.
-        assert group["size"] == len({label.partition(" (")[0] for label in group["effects"]}) >= 2
+        assert group["n_effects"] == len({label.partition(" (")[0] for label in group["effects"]}) >= 2
         assert group["cosine"] >= 0.95
-        assert (group["split_by"] in changes) == (group["cosine_then"] < 0.95)
+        assert (group["separated_by"] in changes) == (group["remaining_cosine"] < 0.95)
     # Effects of the base model are compared on another device.
     rows = [row for row in data["effects"] if not catalogue.get_effects()[row["effect"]].replaces_switch]
     grouped = {name for group in data["classes"] for name in group["effects"]}
-    assert {pair["effect"] for row in rows for pair in row["alike"]} == grouped
+    assert {pair["effect"] for row in rows for pair in row["similar_effects"]} == grouped
 
 
 def test_digest_ignores_words(script: ModuleType) -> None:

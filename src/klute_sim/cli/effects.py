@@ -133,13 +133,21 @@ def _print_identifiability(rows: list[dict[str, Any]]) -> None:
     )
     for row in rows:
         name = f"{row['effect']} ({row['form']})" + (f" of {row['channel']}" if row["channel"] else "")
-        alike = "\n".join(f"{pair['effect']} ({pair['cosine']:.2f})" for pair in row["alike"])
-        alike = alike or f"nothing; closest: {row['closest']} ({row['closest_cosine']:.2f})"
+        similar = "\n".join(f"{pair['effect']} ({pair['cosine']:.2f})" for pair in row["similar_effects"])
+        similar = similar or f"nothing; closest: {row['closest']} ({row['closest_cosine']:.2f})"
         separated_by = "\n".join(
-            f"{pair['split_by']} ({pair['cosine_then']:.2f})" if pair["split_by"] else text.NO_DISTINGUISHING_CHANGE
-            for pair in row["alike"]
+            f"{pair['separated_by']} ({pair['remaining_cosine']:.2f})"
+            if pair["separated_by"]
+            else text.NO_DISTINGUISHING_CHANGE
+            for pair in row["similar_effects"]
         )
-        table.add_row(name, f"{row['size']:.0f}", f"{100.0 * row['kept']:.0f} %", alike, separated_by or "-")
+        table.add_row(
+            name,
+            f"{row['signal_to_noise']:.0f}",
+            f"{100.0 * row['orthogonal_fraction']:.0f} %",
+            similar,
+            separated_by or "-",
+        )
     stdout_console().print(table)
 
 

@@ -276,14 +276,14 @@ def to_json_rows(rigs: Sequence[RigIdentifiability]) -> list[dict[str, Any]]:
                 "class_size": class_sizes.get(term, 1),
                 "closest": closest,
                 "closest_cosine": closest_cosine,
-                "size": signature.signal_to_noise,
-                "kept": signature.orthogonal_fraction,
-                "alike": [
+                "signal_to_noise": signature.signal_to_noise,
+                "orthogonal_fraction": signature.orthogonal_fraction,
+                "similar_effects": [
                     {
                         "effect": str(pair.terms[1]),
                         "cosine": pair.cosine,
-                        "split_by": pair.separated_by.description if pair.separated_by else None,
-                        "cosine_then": pair.remaining_cosine,
+                        "separated_by": pair.separated_by.description if pair.separated_by else None,
+                        "remaining_cosine": pair.remaining_cosine,
                     }
                     for pair in pairs[term]
                 ],
