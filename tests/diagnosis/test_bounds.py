@@ -139,7 +139,7 @@ def test_predictions_decide_where_a_complete_model_may_not_be_named(
     monkeypatch.setattr(workflow, "select_complete_model", lambda *_: None)
     monkeypatch.setattr(workflow, "select_by_prediction", lambda *_: (None, None))
     monkeypatch.setattr(workflow, "find_complete_model", lambda *_: fit)
-    monkeypatch.setattr(workflow, "decide_verdict", lambda result, has_repeats: decision)
+    monkeypatch.setattr(workflow, "decide_verdict", lambda result, **_: decision)
     monkeypatch.setattr(workflow, "select_proxies", lambda *arguments: arguments)
     selected: Any = workflow._select_model(search, [], make_fit(), DiagnosisOptions(), lambda *_: None)
     assert selected[2] is fit

@@ -1,6 +1,7 @@
 """Selection by the prediction of left-out conditions, on models whose errors are known."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,6 +33,9 @@ from tests.diagnosis.synthetic_dataset import make_repeats
 DEVICE = load_device("klute-3-4-pair")
 FRICTION, TAPER = EffectTerm("seal_friction", "coulomb"), EffectTerm("end_taper", "strain")
 GAIN = EffectTerm("sensor_gain", "linear", "force")
+RADIUS, TURNS = (
+    EffectTerm("number_error", "value", number=f"muscle.{key}") for key in ("bladder_radius_mm", "turns_per_m")
+)
 ALL = np.arange(6)
 
 
@@ -126,6 +130,26 @@ def test_verdict_needs_stable_names_that_explain_much(
     decision = decide_verdict(make_result(chosen, rivals, stability, share))
     assert decision.verdict == verdict
     assert "each condition from the others (6 of them)" in decision.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("rival", "fold_kind", "circumstances", "verdict"),
+    [
+        (None, "condition", {}, "unexplained"),
+        (TURNS, "condition", {}, "unexplained"),
+        (TAPER, "condition", {}, "indistinguishable"),
+        (None, "specimen", {}, "identified-in-part"),
+        (None, "condition", {"has_repeats": False}, "identified-in-part"),
+        (None, "condition", {"has_exact_inputs": False}, "identified-in-part"),
+    ],
+)
+def test_number_alone_is_not_named_in_part(
+    rival: EffectTerm | None, fold_kind: str, circumstances: dict[str, Any], verdict: str
+) -> None:
+    """One specimen with a wrong number leaves nothing, and what is left says that something else is missing."""
+    rivals = [make_model((rival,), [1.0] * 6)] if rival else []
+    result = replace(make_result(make_model((RADIUS,), [1.0] * 6), rivals, 1.0, 0.9), fold_kind=fold_kind)
+    assert decide_verdict(result, **circumstances).verdict == verdict
 
 
 def test_no_effect_that_predicts_better_is_unexplained() -> None:

@@ -84,10 +84,13 @@ def find_complete_model(
     return None
 
 
-def decide_verdict(result: PredictiveResult, *, has_repeats: bool = True) -> ImperfectLawDecision:
+def decide_verdict(
+    result: PredictiveResult, *, has_repeats: bool = True, has_exact_inputs: bool = True
+) -> ImperfectLawDecision:
     """Return the verdict on ``result`` and its reasons.
 
     Without repeats an unexplained remainder may be noise, so the data are insufficient where nothing is named.
+    ``has_exact_inputs`` says whether the rig does what was logged; a replay of gait simplifies limb and foot.
     """
     unexplained: Verdict = "unexplained" if has_repeats else "insufficient-data"
     chosen, kind = result.chosen, FOLD_WORDS[result.fold_kind]
@@ -118,6 +121,13 @@ def decide_verdict(result: PredictiveResult, *, has_repeats: bool = True) -> Imp
     coincidence = describe_coincidence(chosen.terms)
     if coincidence:
         return ImperfectLawDecision(unexplained, [*reasons, coincidence])
+    is_one_plant = has_repeats and has_exact_inputs and result.fold_kind != "specimen"
+    if is_one_plant and all(term.number for model in (chosen, *result.rivals) for term in model.terms):
+        reasons.append(
+            "A wrong number alone would leave nothing in trials of one specimen, and this leaves a misfit. One effect "
+            "that is not in the catalogue may explain both, so the number is a proxy; measure it."
+        )
+        return ImperfectLawDecision(unexplained, reasons)
     if result.rivals:
         sets = " or ".join(_list_terms(model) for model in result.rivals)
         reasons.append(

@@ -204,7 +204,8 @@ def _select_model(
         selected = select_complete_model(search, base_fit, complete_fit, options, progress)
         if selected is not None:
             return selected
-    decision = decide_verdict(result, has_repeats=search.has_repeats)
+    has_exact_inputs = not any(e.preparation_variants for e in experiments)
+    decision = decide_verdict(result, has_repeats=search.has_repeats, has_exact_inputs=has_exact_inputs)
     if decision.verdict in ("identified-in-part", "indistinguishable"):
         return select_imperfect_model(search, base_fit, selection, result, decision, options, progress)
     return select_proxies(search, base_fit, final_fit, result, decision, options, progress)
