@@ -45,9 +45,11 @@ def add_cross_talk(experiment: Experiment) -> Experiment:
     return replace(experiment, measured={**experiment.measured, "force": TimeSeries(force.time, force.value + part)})
 
 
-def judge(search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, ...] = ()) -> DataDrivenComparison:
+def judge(
+    search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, ...] = (), fold_kind: str = "condition"
+) -> DataDrivenComparison:
     """Return the data-driven terms beside the names of ``named``, whose error is that of the law, with all trials of
-    ``search``."""
+    ``search``; what is left out counts as ``fold_kind``."""
     data = weight_by_law_error(search.data, search.data.experiments, named.residuals)
     selection = PredictiveSelection(data, dict(search.data.noise), [])
     base_model, chosen = (selection.assess(fit_hypothesis(data, fit.hypothesis, fit.x)) for fit in (base, named))
@@ -55,7 +57,7 @@ def judge(search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, .
     share = (base_model.error - chosen.error) / (base_model.error - noise)
     stability = dict.fromkeys(chosen.terms, 1.0)
     result = PredictiveResult(
-        base_model, chosen, [], [chosen, base_model], stability, share, noise, selection.fold_kind, len(selection.folds)
+        base_model, chosen, [], [chosen, base_model], stability, share, noise, fold_kind, len(selection.folds)
     )
     return compare_with_data_driven_models(search, base, selection, result, exclude)
 
@@ -86,6 +88,18 @@ def test_term_elsewhere_that_predicts_as_well_is_a_rival(
     assert rival is not None
     assert "N p d" in rival.description  # the same friction, as a function
     assert judge(search, base, add_terms(search, base, BRAID_FRICTION), ("unknown_force",)).rival is None
+
+
+def test_term_beside_the_name_is_a_rival_if_it_does_not_contain_it(
+    with_friction: tuple[ForwardSelection, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(imitation, "contains_names", lambda *_: False)
+    search, base = with_friction
+    named = add_terms(search, base, BRAID_FRICTION)
+    rival = judge(search, base, named).rival
+    assert rival is not None
+    assert "N p d" in rival.description
+    assert judge(search, base, named, fold_kind="specimen").rival is None
 
 
 def test_cross_talk_into_the_load_cell_is_found(clean: tuple[ForwardSelection, Fit]) -> None:

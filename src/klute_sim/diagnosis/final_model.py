@@ -245,8 +245,8 @@ def select_imperfect_model(
     reasons = decision.reasons
     if data_driven_rival is not None and data_driven_rival.fit is not None:
         reason = (
-            f"A data-driven term {data_driven_rival.description}, no larger than the effects, would predict as well, "
-            "from elsewhere: the missing effect may be there, and in no catalogue."
+            f"A data-driven term {data_driven_rival.description}, no larger than the effects, would predict as well: "
+            "the missing effect may be there, and in no catalogue."
         )
         reasons = [*reasons, reason]
         difference = data_driven_rival.error / result.chosen.error - 1.0

@@ -5,7 +5,7 @@ one take a large share, too. A data-driven term represents any missing effect, a
 :mod:`klute_sim.diagnosis.discrepancy.data_driven_rival` where models reach the noise. The names must predict nearly as
 well as such a term *of the same size*, because a longer formula also describes the error of the law. They may be
 completed by functions of that term: names that are a part of the truth remain then, and imitations do not. A term
-elsewhere that is no larger than the names and predicts as well cannot be told from them.
+that is no larger than the names, does not contain them and predicts as well cannot be told from them.
 
 Two kinds of terms are tried: functions in the equation with the misfit, and linear functions of the channels in the
 reading of one instrument (a load cell that responds to the pressure).
@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnosis.discrepancy.data_driven_rival import locate_term
+from klute_sim.diagnosis.discrepancy.data_driven_rival import contains_names, locate_term
 from klute_sim.diagnosis.discrepancy.sparse_regression import find_supports, format_formula, list_data_driven_terms
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
@@ -60,7 +60,7 @@ class DataDrivenComparison(NamedTuple):
     better: DataDrivenModel | None = None
     """Term that predicts much better than the names; None if they stand."""
     rival: DataDrivenModel | None = None
-    """Term of the size of the names at another place that predicts as well; None without one."""
+    """Term of the size of the names, and another cause, that predicts as well; None without one."""
 
 
 class ReadingFunction(NamedTuple):
@@ -103,9 +103,12 @@ def compare_with_data_driven_models(
         models = list(_extend(selection, result.base.fit, library))
         if not models:  # no function has an influence
             continue
-        if locate_term(library) not in {locate_term(term) for term in names}:
-            small = [model for model in models if len(model.terms[-1].parameter_keys) <= len(names)]
-            rivals += [_describe(model) for model in small if _predicts_as_well(model, result.chosen)]
+        small = [model for model in models if len(model.terms[-1].parameter_keys) <= len(names)]
+        rivals += [
+            _describe(model)
+            for model in small
+            if _predicts_as_well(model, result.chosen) and _is_other_cause(model.fit, result)
+        ]
         best_model = min(models, key=lambda model: model.error)
         free = next(
             model for model in models if is_as_good(model, best_model) or model.error < best_model.error + min_gain
@@ -126,6 +129,18 @@ def _describe(model: PredictiveModel) -> DataDrivenModel:
 def _predicts_as_well(model: PredictiveModel, chosen: PredictiveModel) -> bool:
     """Return whether ``model`` is a rival of ``chosen``, as other names would be."""
     return is_as_good(model, chosen) or model.error <= MAX_RIVAL_RATIO * chosen.error
+
+
+def _is_other_cause(term_fit: Fit, result: PredictiveResult) -> bool:
+    """Return whether the data-driven term of ``term_fit`` is another cause than the names of ``result``.
+
+    A term elsewhere is. A term at the place of a name is if it does not contain the names, unless specimens differ:
+    then any function describes a part of their scatter.
+    """
+    names, term = result.chosen.terms, term_fit.hypothesis.terms[-1]
+    if locate_term(term) not in {locate_term(name) for name in names}:
+        return True
+    return result.fold_kind != "specimen" and not contains_names(term_fit, result.chosen.fit, names)
 
 
 def _extend(

@@ -16,6 +16,7 @@ import numpy as np
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.localization.equation_residuals import EquationResidual, select_significant_equations
+from klute_sim.diagnosis.localization.joint_equations import name_equation
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, REFIT_MAX_NFEV, ForwardSelection
 from klute_sim.effects.effect import Effect
 from klute_sim.effects.families import discrepancy_formulas, discrepancy_terms, joint_terms
@@ -32,7 +33,6 @@ MIN_RELATIVE_SENSITIVITY = 1e-6
 DISCREPANCY_EFFECTS = {
     "supply": discrepancy_terms.UNKNOWN_PRESSURE,
     "muscle and damper": discrepancy_terms.UNKNOWN_FORCE,
-    "muscle, damper or tendon": discrepancy_terms.UNKNOWN_FORCE,
     "tendon": discrepancy_terms.UNKNOWN_TENDON_FORCE,
     "ankle": discrepancy_terms.UNKNOWN_ANKLE_MOMENT,
     "hinge joint": joint_terms.UNKNOWN_JOINT_MOMENT,
@@ -41,6 +41,8 @@ DISCREPANCY_EFFECTS = {
     "slide joint or its devices": joint_terms.UNKNOWN_GUIDE_FORCE,
 }
 """Effect that is the data-driven term of each kind of equation."""
+SEPARATE_KINDS = {"muscle, damper or tendon": ("muscle and damper", "tendon")}
+"""Kind of equation that holds several equations -> their kinds; other kinds are one equation."""
 
 
 class Support(NamedTuple):
@@ -125,13 +127,15 @@ def list_data_driven_terms(
 ) -> dict[str, EffectTerm]:
     """Return the data-driven term of each equation with a significant residual, by the name of the equation.
 
-    The terms have all functions of their library. ``exclude`` names effects that are not candidates.
+    Where the data cannot separate muscle and tendon, either equation may lack something. The terms have all functions
+    of their library. ``exclude`` names effects that are not candidates.
     """
     can_add_effect = current.hypothesis.device.spec.can_add_effect
     return {
-        equation.name: _make_library(effect, equation.part)
+        name_equation(kind, equation.part): _make_library(effect, equation.part)
         for equation in select_significant_equations(equation_residuals)
-        for effect in (DISCREPANCY_EFFECTS[equation.kind],)
+        for kind in SEPARATE_KINDS.get(equation.kind, (equation.kind,))
+        for effect in (DISCREPANCY_EFFECTS[kind],)
         if effect.name not in exclude and can_add_effect(effect)
     }
 
