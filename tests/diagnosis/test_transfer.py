@@ -165,7 +165,7 @@ def test_page_of_the_command_shows_the_predictions(true_device: Device, tmp_path
     force = row["channels"]["force"]
     html = (tmp_path / "run" / "index.html").read_text("utf-8")
     section = html.split('id="other-dataset-1-1"')[1].split('id="gap"')[0]
-    assert "Prediction of &#39;longer&#39; (rms), recommended: with-effects" in section
+    assert "Prediction of &#39;longer&#39; (rms), best: with-effects" in section
     assert f"({force['with_effects_pct_of_range']:.1f} %)" in section
     assert "Carried over to &#39;longer&#39;" in section
     assert "passive_tension.rise_n" in section

@@ -107,7 +107,7 @@ def _collect_contrasts(data: WeightedData, fit: Fit) -> list[RepeatContrasts]:
     factors = _factor_fit_covariance(data, fit)
     entries = []
     for channel, noise in data.noise.items():
-        aligned = [_align_by_group(data, factor, channel) for factor in factors]
+        aligned = [_align_by_group(data, factor, channel, drops_agreeing=False) for factor in factors]
         for group, repeats in _align_by_group(data, fit.residuals, channel).items():
             n_blocks = min(_count_blocks(repeats, noise), len(repeats.time))
             if n_blocks == 0:
@@ -116,7 +116,7 @@ def _collect_contrasts(data: WeightedData, fit: Fit) -> list[RepeatContrasts]:
             correlation_time = noise.correlation_time(repeats.sampling_interval)
             scale = 1.0 / (noise.std * np.sqrt(correlation_time))
             contrasts = helmert(n_repeats, full=True) @ repeats.residuals * scale
-            means = [factor[group].residuals.mean(axis=0) for factor in aligned]
+            means = [_average_at(repeats.time, factor[group]) for factor in aligned]
             influence = np.sqrt(n_repeats) * scale * np.reshape(means, (len(means), len(repeats.time)))
             entries.append(RepeatContrasts(channel, group, contrasts, influence, n_blocks, correlation_time))
     n_differences = max((len(entry.contrasts) for entry in entries), default=1) - 1
@@ -128,8 +128,17 @@ def _collect_contrasts(data: WeightedData, fit: Fit) -> list[RepeatContrasts]:
     return entries
 
 
-def _align_by_group(data: WeightedData, residuals: Residuals, channel: str) -> dict[str, AlignedRepeats]:
-    return {r.group: r for r in align_repeats(data.experiments, residuals, channel, with_input_error=True)}
+def _align_by_group(
+    data: WeightedData, residuals: Residuals, channel: str, *, drops_agreeing: bool = True
+) -> dict[str, AlignedRepeats]:
+    aligned = align_repeats(data.experiments, residuals, channel, with_input_error=True, drops_agreeing=drops_agreeing)
+    return {repeats.group: repeats for repeats in aligned}
+
+
+def _average_at(time: Array, repeats: AlignedRepeats) -> Array:
+    """Return the mean over ``repeats`` at ``time`` [s], which are some of their times."""
+    index = np.searchsorted(repeats.time, time)
+    return np.asarray(repeats.residuals[:, index].mean(axis=0))
 
 
 def _count_blocks(repeats: AlignedRepeats, noise: Noise) -> int:

@@ -100,11 +100,13 @@ def align_repeats(
     *,
     min_repeats: int = 2,
     with_input_error: bool = False,
+    drops_agreeing: bool = True,
 ) -> Iterator[AlignedRepeats]:
     """Yield each group that measured ``channel`` at least ``min_repeats`` times, over the time that all repeats cover.
 
     Residuals are interpolated to the samples of the first repeat. ``with_input_error`` divides them by the scale of the
-    error that unknown inputs cause, too, which is right for a misfit and wrong for noise.
+    error that unknown inputs cause, too, which is right for a misfit and wrong for noise. ``drops_agreeing`` leaves
+    out the samples beyond a sensor's limit in which all repeats agree.
     """
     for group, members in group_repeats(experiments).items():
         repeats = [k for k in members if channel in experiments[k].measured and len(residuals[k][channel])]
@@ -124,7 +126,7 @@ def align_repeats(
                     scale = scale * experiments[k].input_error_scale.get(channel, 1.0)
                 rows.append(np.interp(common, t, residuals[k][channel] / scale))
             aligned = AlignedRepeats(group, common, np.array(rows))
-            is_censored = all(channel in experiments[k].limits for k in repeats)
+            is_censored = drops_agreeing and all(channel in experiments[k].limits for k in repeats)
             yield _drop_agreeing_samples(aligned) if is_censored else aligned
 
 
