@@ -295,9 +295,8 @@ def _select_hidden(rows: Iterable[DatasetResult]) -> list[DatasetResult]:
 def _is_worse_than_refitted(row: DatasetResult) -> bool:
     """Return whether the device that the verdict recommends misses the force of unseen trials by more."""
     gap = row.verdict.get("gap", {}).get("force")
-    return (
-        bool(gap) and row.verdict.get("recommended") == "with-effects" and gap["with_effects"] > 1.01 * gap["refitted"]
-    )
+    is_recommended = row.verdict.get("recommended") == "with-effects"
+    return bool(gap) and is_recommended and gap["with_effects"] > 1.01 * gap["refitted"]
 
 
 def _is_first_right(row: DatasetResult) -> bool:

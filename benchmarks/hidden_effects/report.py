@@ -166,9 +166,8 @@ def _worst_gap(row: DatasetResult) -> tuple[float | None, float | None]:
         return None, None
     gap = max(gaps, key=lambda channel_gap: channel_gap["refitted"] / channel_gap["noise_floor"])
     excess = gap["refitted"] - gap["noise_floor"]
-    return gap["refitted"] / gap["noise_floor"], (
-        gap["refitted"] - gap["with_effects"]
-    ) / excess if excess > 0.0 else None
+    removed = (gap["refitted"] - gap["with_effects"]) / excess if excess > 0.0 else None
+    return gap["refitted"] / gap["noise_floor"], removed
 
 
 def _median(values: Iterable[float | None]) -> float | None:

@@ -1,6 +1,6 @@
 """Diagnose datasets with hidden effects and compare the verdicts with the ground truth.
 
-    python -m benchmarks.hidden_effects.run OUT --split test                      # all blocks
+    python -m benchmarks.hidden_effects.run OUT --split test                     # all blocks
     python -m benchmarks.hidden_effects.run OUT --block single --count 31        # a part
 
 Missing datasets are generated, every result is saved immediately, and results of the current code are reused, so the

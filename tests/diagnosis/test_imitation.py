@@ -46,18 +46,22 @@ def add_cross_talk(experiment: Experiment) -> Experiment:
 
 
 def judge(
-    search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, ...] = (), fold_kind: str = "condition"
+    search: ForwardSelection, base: Fit, named: Fit, exclude: tuple[str, ...] = (), specimens: str = ""
 ) -> DataDrivenComparison:
     """Return the data-driven terms beside the names of ``named``, whose error is that of the law, with all trials of
-    ``search``; what is left out counts as ``fold_kind``."""
-    data = weight_by_law_error(search.data, search.data.experiments, named.residuals)
+    ``search``; with ``specimens``, each group has its own."""
+    groups = sorted({e.group for e in search.data.experiments})
+    experiments = [
+        replace(e, specimen=specimens[groups.index(e.group)]) if specimens else e for e in search.data.experiments
+    ]
+    data = weight_by_law_error(search.data, experiments, named.residuals)
     selection = PredictiveSelection(data, dict(search.data.noise), [])
     base_model, chosen = (selection.assess(fit_hypothesis(data, fit.hypothesis, fit.x)) for fit in (base, named))
     noise = float(np.mean([search.data.noise[c].std ** 2 / law.std**2 for c, law in data.noise.items()]))
     share = (base_model.error - chosen.error) / (base_model.error - noise)
     stability = dict.fromkeys(chosen.terms, 1.0)
     result = PredictiveResult(
-        base_model, chosen, [], [chosen, base_model], stability, share, noise, fold_kind, len(selection.folds)
+        base_model, chosen, [], [chosen, base_model], stability, share, noise, selection.fold_kind, len(selection.folds)
     )
     return compare_with_data_driven_models(search, base, selection, result, exclude)
 
@@ -99,7 +103,7 @@ def test_term_beside_the_name_is_a_rival_if_it_does_not_contain_it(
     rival = judge(search, base, named).rival
     assert rival is not None
     assert "N p d" in rival.description
-    assert judge(search, base, named, fold_kind="specimen").rival is None
+    assert judge(search, base, named, specimens="AB").rival is None
 
 
 def test_cross_talk_into_the_load_cell_is_found(clean: tuple[ForwardSelection, Fit]) -> None:

@@ -1,7 +1,6 @@
 """Selection by the prediction of left-out conditions, on models whose errors are known."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -133,22 +132,22 @@ def test_verdict_needs_stable_names_that_explain_much(
 
 
 @pytest.mark.parametrize(
-    ("rival", "fold_kind", "circumstances", "verdict"),
+    ("rival", "circumstances", "verdict"),
     [
-        (None, "condition", {}, "unexplained"),
-        (TURNS, "condition", {}, "unexplained"),
-        (TAPER, "condition", {}, "indistinguishable"),
-        (None, "specimen", {}, "identified-in-part"),
-        (None, "condition", {"has_repeats": False}, "identified-in-part"),
-        (None, "condition", {"has_exact_inputs": False}, "identified-in-part"),
+        (None, {}, "unexplained"),
+        (TURNS, {}, "unexplained"),
+        (TAPER, {}, "indistinguishable"),
+        (None, {"has_one_specimen": False}, "identified-in-part"),
+        (None, {"has_repeats": False}, "identified-in-part"),
+        (None, {"has_exact_inputs": False}, "identified-in-part"),
     ],
 )
 def test_number_alone_is_not_named_in_part(
-    rival: EffectTerm | None, fold_kind: str, circumstances: dict[str, Any], verdict: str
+    rival: EffectTerm | None, circumstances: dict[str, bool], verdict: str
 ) -> None:
     """One specimen with a wrong number leaves nothing, and what is left says that something else is missing."""
     rivals = [make_model((rival,), [1.0] * 6)] if rival else []
-    result = replace(make_result(make_model((RADIUS,), [1.0] * 6), rivals, 1.0, 0.9), fold_kind=fold_kind)
+    result = make_result(make_model((RADIUS,), [1.0] * 6), rivals, 1.0, 0.9)
     assert decide_verdict(result, **circumstances).verdict == verdict
 
 

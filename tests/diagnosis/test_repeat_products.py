@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import helmert
 from scipy.stats import kstest
 
+from klute_sim.datasets.trial import SensorLimits
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
@@ -154,3 +155,19 @@ def test_a_short_trial_has_no_p_value() -> None:
     fit = Fit(hypothesis, np.zeros(0), weighted, np.empty((len(weighted), 0)), True, residuals)
     assert compute_p_value(data, fit) is None
     simulator.close()
+
+
+def test_samples_beyond_a_limit_are_left_out_of_the_fit_as_well() -> None:
+    """All repeats agree there, so only the residuals say which samples are left out, not what the fit takes."""
+    rng, simulator = np.random.default_rng(3), Simulator(1)
+    rows = [make_stationary_noise(rng) * (TIME > 1.0) for _ in range(2)]
+    experiments = [replace(e, limits={"force": SensorLimits(-np.inf, 100.0)}) for e in make_repeats(rows, "0")]
+    residuals = [{"force": row} for row in rows]
+    data = WeightedData(simulator, experiments, estimate_noise_from_repeats(experiments, residuals))
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), UNCERTAINTIES[:1], ())
+    weighted = np.append(data.weight_residuals(residuals), 0.0)
+    jacobian = np.append(data.weight_residuals([{"force": np.sin(1.3 * TIME)}] * 2), 1.0)[:, np.newaxis]
+    result = compute_repeat_products(data, Fit(hypothesis, np.zeros(1), weighted, jacobian, True, residuals))
+    simulator.close()
+    assert result is not None
+    assert result.n_samples.sum() == pytest.approx(np.count_nonzero(TIME > 1.0) * 2, rel=0.01)

@@ -85,7 +85,11 @@ def find_complete_model(
 
 
 def decide_verdict(
-    result: PredictiveResult, *, has_repeats: bool = True, has_exact_inputs: bool = True
+    result: PredictiveResult,
+    *,
+    has_repeats: bool = True,
+    has_exact_inputs: bool = True,
+    has_one_specimen: bool = True,
 ) -> ImperfectLawDecision:
     """Return the verdict on ``result`` and its reasons.
 
@@ -121,8 +125,8 @@ def decide_verdict(
     coincidence = describe_coincidence(chosen.terms)
     if coincidence:
         return ImperfectLawDecision(unexplained, [*reasons, coincidence])
-    is_one_plant = has_repeats and has_exact_inputs and result.fold_kind != "specimen"
-    if is_one_plant and all(term.number for model in (chosen, *result.rivals) for term in model.terms):
+    leaves_only_noise = has_repeats and has_exact_inputs and has_one_specimen  # if a number is all that is wrong
+    if leaves_only_noise and all(term.number for model in (chosen, *result.rivals) for term in model.terms):
         reasons.append(
             "A wrong number alone would leave nothing in trials of one specimen, and this leaves a misfit. One effect "
             "that is not in the catalogue may explain both, so the number is a proxy; measure it."

@@ -49,6 +49,7 @@ from klute_sim.diagnosis.planning.proposals import propose_experiment
 from klute_sim.diagnosis.recording_faults import suspect_absolute_pressures
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.predictive_model import has_several_specimens
 from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms
 from klute_sim.types import ProgressCallback
 
@@ -205,7 +206,12 @@ def _select_model(
         if selected is not None:
             return selected
     has_exact_inputs = not any(e.preparation_variants for e in experiments)
-    decision = decide_verdict(result, has_repeats=search.has_repeats, has_exact_inputs=has_exact_inputs)
+    decision = decide_verdict(
+        result,
+        has_repeats=search.has_repeats,
+        has_exact_inputs=has_exact_inputs,
+        has_one_specimen=not has_several_specimens(experiments),
+    )
     if decision.verdict in ("identified-in-part", "indistinguishable"):
         return select_imperfect_model(search, base_fit, selection, result, decision, options, progress)
     return select_proxies(search, base_fit, final_fit, result, decision, options, progress)

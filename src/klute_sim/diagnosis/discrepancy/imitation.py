@@ -29,6 +29,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     MIN_TERM_SHARE,
     PredictiveModel,
     PredictiveResult,
+    has_several_specimens,
     is_as_good,
 )
 from klute_sim.diagnosis.selection.predictive_selection import (
@@ -107,7 +108,7 @@ def compare_with_data_driven_models(
         rivals += [
             _describe(model)
             for model in small
-            if _predicts_as_well(model, result.chosen) and _is_other_cause(model.fit, result)
+            if _predicts_as_well(model, result.chosen) and _is_other_cause(selection, model.fit, result)
         ]
         best_model = min(models, key=lambda model: model.error)
         free = next(
@@ -131,7 +132,7 @@ def _predicts_as_well(model: PredictiveModel, chosen: PredictiveModel) -> bool:
     return is_as_good(model, chosen) or model.error <= MAX_RIVAL_RATIO * chosen.error
 
 
-def _is_other_cause(term_fit: Fit, result: PredictiveResult) -> bool:
+def _is_other_cause(selection: PredictiveSelection, term_fit: Fit, result: PredictiveResult) -> bool:
     """Return whether the data-driven term of ``term_fit`` is another cause than the names of ``result``.
 
     A term elsewhere is. A term at the place of a name is if it does not contain the names, unless specimens differ:
@@ -140,7 +141,9 @@ def _is_other_cause(term_fit: Fit, result: PredictiveResult) -> bool:
     names, term = result.chosen.terms, term_fit.hypothesis.terms[-1]
     if locate_term(term) not in {locate_term(name) for name in names}:
         return True
-    return result.fold_kind != "specimen" and not contains_names(term_fit, result.chosen.fit, names)
+    return not has_several_specimens(selection.data.experiments) and not contains_names(
+        term_fit, result.chosen.fit, names
+    )
 
 
 def _extend(

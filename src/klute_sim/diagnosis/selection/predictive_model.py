@@ -130,6 +130,11 @@ def divide_into_folds(experiments: Sequence[Experiment]) -> tuple[list[list[Fold
     ], "part"
 
 
+def has_several_specimens(experiments: Sequence[Experiment]) -> bool:
+    """Return whether ``experiments`` tested several specimens, which may differ from each other."""
+    return len({e.specimen for e in experiments}) > 1
+
+
 def _divide_condition(repeats: Sequence[Experiment]) -> list[tuple[float, float]]:
     """Return start and end of each part of ``repeats``, as fractions of a trial.
 
