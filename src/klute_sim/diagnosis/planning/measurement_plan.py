@@ -200,7 +200,7 @@ README_TEMPLATE = """\
    pressure [bar]          gauge on the muscle
    muscle_length [mm]      length of the muscle alone (optional)
    Other units are allowed (kgf, kPa, in, ms): write them in the brackets. Leave cells without a sample empty. Log
-   1000 rows per second if possible, 200 at least: the length is interpolated linearly between rows.
+   1000 rows per second if possible, 200 at least: nobody knows the motion between two rows.
 
 4. Start at rest. Hold the first length and pressure until nothing changes, then start; the first 0.5 s of every file
    are at rest. The simulation starts in equilibrium, so remaining creep would be diagnosed as an effect.
