@@ -315,6 +315,9 @@ def test_effect_whose_interval_contains_its_absence_is_found() -> None:
     assert find_term_without_effect(fit, [(0.0, 60.0), (0.97, 0.99)]) == (FRICTION, 0.0)
     shaped = make_fit((EffectTerm("volume_coupling", "polytropic"),), [1.0, 0.0])  # the shape may explain it
     assert find_term_without_effect(shaped, [(0.0, 0.1), (1.0, 1.4)]) is None
+    declared = DEVICE.spec.collect_values()["muscle.bladder_radius_mm"]
+    assert find_term_without_effect(make_fit((RADIUS,)), [(declared - 0.2, declared + 0.1)]) == (RADIUS, declared)
+    assert find_term_without_effect(make_fit((RADIUS,)), [(declared + 0.1, declared + 0.2)]) is None
 
 
 @pytest.mark.parametrize(

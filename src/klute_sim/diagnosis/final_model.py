@@ -384,8 +384,9 @@ def demote_absent_effect(selected: FinalModel) -> FinalModel:
     if found is None or selected.verdict != "identified":
         return selected
     term, neutral = found
+    value = "declared value" if term.number else "value without effect"
     reason = (
-        f"The 95 % interval of {term} contains the value without effect, {neutral:.4g}: the repeats disagree about it "
+        f"The 95 % interval of {term} contains the {value}, {neutral:.4g}: the repeats disagree about it "
         "by more than it is. More repeats, or larger motion and pressure steps, would tell."
     )
     return selected._replace(verdict="unexplained", reasons=[reason, *selected.reasons])

@@ -236,7 +236,8 @@ class ForwardSelection:
 
         Starting points are fractions of the linear prediction, in which the other parameters follow. Many effects are
         nonlinear, so the full prediction may be far too large. If no fraction reaches the predicted gain, sizes of the
-        effect are tried with the other parameters unchanged.
+        effect are tried with the other parameters unchanged; those of an effect of the supply are always tried, because
+        the best flow of a valve is in a narrow valley beside a plateau.
         """
         hypothesis, n_known = current.hypothesis.with_term(candidate.term), len(current.x)
         neutral = hypothesis.initial_point()
@@ -247,7 +248,8 @@ class ForwardSelection:
         prediction[:n_known] = candidate.nuisance_shift
         starts = [neutral + fraction * prediction for fraction in START_FRACTIONS]
         start, chi2 = self._best_start(current, hypothesis, starts)
-        if current.chi2 - chi2 > MIN_START_GAIN_FRACTION * candidate.predicted_gain:
+        has_plateau = candidate.term.effect_definition.acts_in_supply
+        if not has_plateau and current.chi2 - chi2 > MIN_START_GAIN_FRACTION * candidate.predicted_gain:
             return start
         neutral[:n_known] = current.x
         direction *= np.sign(candidate.size)

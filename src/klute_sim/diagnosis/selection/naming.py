@@ -92,19 +92,18 @@ def find_terms_at_bound(fit: Fit) -> list[EffectTerm]:
 def find_term_without_effect(fit: Fit, intervals: Sequence[tuple[float, float]]) -> tuple[EffectTerm, float] | None:
     """Return a term of ``fit`` whose only parameter may be the value without effect, and this value.
 
-    ``intervals`` hold the 95 % interval of each parameter. They follow from the differences between repeats or
-    conditions, so they may contain that value although the fit is much better with the term. Returns None without such
-    a term.
+    That of a wrong number is the declared one. ``intervals`` hold the 95 % interval of each parameter. They follow from
+    the differences between repeats or conditions, so they may contain that value although the fit is much better with
+    the term. Returns None without such a term.
     """
+    rows = list(zip(fit.hypothesis.parameters, intervals, strict=True))
     for index, term in enumerate(fit.hypothesis.terms):
-        own = [
-            interval
-            for parameter, interval in zip(fit.hypothesis.parameters, intervals, strict=True)
-            if parameter.term_index == index
-        ]
-        neutral = term.parameters[0].neutral
-        if len(own) == 1 and neutral is not None and own[0][0] <= neutral <= own[0][1]:
-            return term, neutral
+        own = [(parameter, interval) for parameter, interval in rows if parameter.term_index == index]
+        if len(own) != 1:
+            continue
+        parameter, (low, high) = own[0]
+        if not parameter.is_logarithmic and low <= parameter.initial <= high:  # a shape has no value without effect
+            return term, parameter.initial
     return None
 
 
