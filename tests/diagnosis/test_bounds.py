@@ -106,7 +106,7 @@ def test_final_fit_at_a_bound_takes_a_simpler_form_that_explains_the_data(
 
 @pytest.mark.parametrize("has_equivalent", [True, False])
 @pytest.mark.parametrize("verdict", ["identified", "unexplained"])
-def test_complete_model_at_a_bound_is_not_named(
+def test_adequate_model_at_a_bound_is_not_named(
     verdict: Verdict, has_equivalent: bool, data: WeightedData, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An equivalent model takes its place; without any, left-out conditions decide."""
@@ -122,7 +122,7 @@ def test_complete_model_at_a_bound_is_not_named(
     monkeypatch.setattr(final_model, "_decide_verdict", lambda *_: (verdict, []))
     monkeypatch.setattr(final_model, "compute_confidence_intervals", lambda *_: [])
     monkeypatch.setattr(final_model, "compute_equation_residuals", lambda *_: [])
-    selected = final_model.select_complete_model(search, make_fit(), at_bound, options, lambda *_: None)
+    selected = final_model.select_adequate_model(search, make_fit(), at_bound, options, lambda *_: None)
     if has_equivalent:
         assert selected is not None
         assert selected.final_fit is other
@@ -130,15 +130,15 @@ def test_complete_model_at_a_bound_is_not_named(
         assert (selected is None) == (verdict == "identified")
 
 
-def test_predictions_decide_where_a_complete_model_may_not_be_named(
+def test_predictions_decide_where_a_adequate_model_may_not_be_named(
     data: WeightedData, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     search, fit, decision = ForwardSelection(data, [], []), make_fit(COULOMB), ImperfectLawDecision("unexplained", [])
     monkeypatch.setattr(ForwardSelection, "run", lambda self, base_fit: fit)
     monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
-    monkeypatch.setattr(workflow, "select_complete_model", lambda *_: None)
+    monkeypatch.setattr(workflow, "select_adequate_model", lambda *_: None)
     monkeypatch.setattr(workflow, "select_by_prediction", lambda *_: (None, None))
-    monkeypatch.setattr(workflow, "find_complete_model", lambda *_: fit)
+    monkeypatch.setattr(workflow, "find_adequate_model", lambda *_: fit)
     monkeypatch.setattr(workflow, "decide_verdict", lambda result, **_: decision)
     monkeypatch.setattr(workflow, "select_proxies", lambda *arguments: arguments)
     selected: Any = workflow._select_model(search, [], make_fit(), DiagnosisOptions(), lambda *_: None)

@@ -10,7 +10,7 @@ from klute_sim.diagnosis import final_model
 from klute_sim.diagnosis.discrepancy import data_driven_rival
 from klute_sim.diagnosis.discrepancy.data_driven_rival import (
     contains_names,
-    find_complete_term,
+    find_adequate_term,
     find_data_driven_rival,
     find_decisive_term,
     locate_term,
@@ -80,18 +80,18 @@ def test_term_that_alone_reaches_the_noise_stands_beside_names_elsewhere(
         search.candidate_terms = [FRICTION, SEAL]
         named = search.run(base)
         assert search.has_misfit(named)
-        assert find_complete_term(search, base) is not None
+        assert find_adequate_term(search, base) is not None
         assert find_decisive_term(search, base, named) is None  # in the same equation, names may be a part of the term
         monkeypatch.setattr(data_driven_rival, "locate_term", lambda term: term.effect)
         decisive = find_decisive_term(search, base, named)
         assert decisive is not None
-        assert not search.has_misfit(decisive.complete.fit)
-        assert decisive.complete.equation.startswith("muscle")
+        assert not search.has_misfit(decisive.adequate.fit)
+        assert decisive.adequate.equation.startswith("muscle")
         assert decisive.named_fit is not None
         assert decisive.named_fit.hypothesis.terms == (FRICTION,)
         assert [rival.fit.hypothesis.terms[-1] for rival in decisive.rivals] == [SEAL]
         assert find_decisive_term(search, base, named, ("unknown_force",)) is None
-        assert find_decisive_term(search, base, decisive.complete.fit) is None  # the names are as good
+        assert find_decisive_term(search, base, decisive.adequate.fit) is None  # the names are as good
 
 
 def test_places_and_kinds_of_causes() -> None:
@@ -122,7 +122,7 @@ def test_no_term_is_decisive_where_a_pair_of_effects_reaches_the_noise(tmp_path:
         search.history = [SelectionStep(base, candidates, (), None, {}, "")]
         single = add_terms(search, base, FRICTION)
         assert search.has_misfit(single)
-        assert find_complete_term(search, base) is not None
+        assert find_adequate_term(search, base) is not None
         assert find_decisive_term(search, base, single) is None
         search.history = [replace(search.history[0], candidates=candidates[:1])]
         assert find_decisive_term(search, base, single) is not None

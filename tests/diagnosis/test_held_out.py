@@ -14,10 +14,10 @@ from klute_sim.diagnosis.held_out import (
     BASE_MODEL,
     FINAL_MODEL,
     NOMINAL_MODEL,
-    judge_divergence,
-    judge_misfit,
-    judge_names,
-    judge_numbers,
+    record_confirmation,
+    record_declared_advantage,
+    record_divergence,
+    record_test_misfit,
 )
 from klute_sim.diagnosis.noise.misfit import Misfit
 from klute_sim.diagnosis.result import ChannelRms, Diagnosis, DiagnosisOptions, Verdict
@@ -51,7 +51,7 @@ def test_misfit_of_test_trials_demotes_a_verdict_that_denies_it(
     verdict: Verdict, expected: str, dataset: datasets.Dataset
 ) -> None:
     diagnosis = make_diagnosis(dataset, verdict)
-    judge_misfit(diagnosis, {"force": Misfit(6.0, 20.0, 3.0)}, is_absorbed=False)
+    record_test_misfit(diagnosis, {"force": Misfit(6.0, 20.0, 3.0)}, is_absorbed=False)
     assert diagnosis.verdict == expected
     assert "'force' in the test trials show a misfit of 2.00 times the noise" in diagnosis.reasons[0]
 
@@ -59,7 +59,7 @@ def test_misfit_of_test_trials_demotes_a_verdict_that_denies_it(
 @pytest.mark.parametrize("verdict", ["nothing-missing", "identified"])
 def test_misfit_that_the_numbers_absorb_demotes_no_verdict(verdict: Verdict, dataset: datasets.Dataset) -> None:
     diagnosis = make_diagnosis(dataset, verdict)
-    judge_misfit(diagnosis, {"force": Misfit(6.0, 20.0, 3.0)}, is_absorbed=True)
+    record_test_misfit(diagnosis, {"force": Misfit(6.0, 20.0, 3.0)}, is_absorbed=True)
     assert diagnosis.verdict == verdict
     assert diagnosis.reasons[0] == "a reason"
     assert "do not determine the numbers well enough" in diagnosis.reasons[-1]
@@ -77,7 +77,7 @@ def test_names_hold_only_if_the_gap_of_test_trials_shrinks(
     refitted: float, with_effects: float, held_out: str, verdict: str, is_worse: bool, dataset: datasets.Dataset
 ) -> None:
     diagnosis = make_diagnosis(dataset, "identified", refitted=refitted, with_effects=with_effects)
-    judge_names(diagnosis)
+    record_confirmation(diagnosis)
     assert (diagnosis.held_out, diagnosis.verdict, diagnosis.is_worse_on_test) == (held_out, verdict, is_worse)
 
 
@@ -98,9 +98,9 @@ def test_device_that_predicts_the_test_trials_best_is_recommended(
     gaps = {"nominal": nominal, "refitted": refitted, "with_effects": with_effects}
     diagnosis = make_diagnosis(dataset, "identified-in-part", **gaps)
     diagnosis.added_terms = (EffectTerm("braid_hysteresis", "proportional"),)
-    judge_names(diagnosis)
+    record_confirmation(diagnosis)
     verdict = diagnosis.verdict
-    judge_numbers(diagnosis)
+    record_declared_advantage(diagnosis)
     assert (diagnosis.recommended_device, diagnosis.verdict) == (recommended, verdict)
     assert ("device as declared predicts better" in diagnosis.reasons[0]) == (recommended == "as-declared")
 
@@ -111,7 +111,7 @@ def test_declared_device_is_recommended_where_refitted_numbers_do_not_hold(
 ) -> None:
     gaps = {"nominal": 20.0, "refitted": 30.0, "with_effects": 30.0, "noise_floor": noise_floor}
     diagnosis = make_diagnosis(dataset, "unexplained", **gaps)
-    judge_numbers(diagnosis)
+    record_declared_advantage(diagnosis)
     assert diagnosis.recommended_device == "as-declared"
     assert "predicts better than with the refitted numbers: it misses 'force' by 20 instead" in diagnosis.reasons[0]
 
@@ -139,7 +139,7 @@ def test_diverging_test_trial_counts_as_failed_prediction(
     if has_effects:
         diagnosis.added_terms, diagnosis.held_out = (EffectTerm("braid_hysteresis", "proportional"),), "confirmed"
     diagnosis.diverged_trials = dict.fromkeys(diverged, ("test_1_0",))
-    judge_divergence(diagnosis)
+    record_divergence(diagnosis)
     assert (diagnosis.verdict, diagnosis.held_out, diagnosis.is_worse_on_test) == (verdict, held_out, is_worse)
     if diverged:
         models = " and with ".join(diverged)

@@ -56,7 +56,7 @@ class FinalModel(NamedTuple):
     prediction: PredictiveResult | None = None
 
 
-def select_complete_model(
+def select_adequate_model(
     search: ForwardSelection,
     base_fit: Fit,
     final_fit: Fit,
@@ -127,7 +127,7 @@ def select_decisive_term(
     decisive = find_decisive_term(search, base_fit, final_fit, options.exclude)
     if decisive is None:
         return None
-    term_fit, equation = decisive.complete
+    term_fit, equation = decisive.adequate
     reason = (
         f"A data-driven term in the equation of {equation} explains the data to the noise, and no effects of the "
         "catalogue do"
@@ -326,7 +326,7 @@ def _decide_verdict(
 ) -> tuple[Verdict, list[str]]:
     """Return the verdict and its reasons."""
     terms = final_fit.hypothesis.terms
-    if search.has_misfit(final_fit):  # a complete model that lost a term, or restarted elsewhere
+    if search.has_misfit(final_fit):  # an adequate model that lost a term, or restarted elsewhere
         return "unexplained", _describe_misfit(search, final_fit)
     if not terms and not search.history:
         limits = [

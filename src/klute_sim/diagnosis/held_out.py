@@ -15,7 +15,7 @@ from klute_sim.diagnosis.result import ChannelRms, Diagnosis, Verdict
 from klute_sim.types import Array
 
 MAX_REMAINING_FRACTION = 0.6
-"""Largest fraction of the squared gap beyond noise that a complete model may leave on test trials (assumed)."""
+"""Largest fraction of the squared gap beyond noise that an adequate model may leave on test trials (assumed)."""
 MIN_CHANGE = 0.02
 """Relative change of a gap from which on effects change a channel whose noise is unknown (assumed)."""
 MIN_SHARE_FRACTION = 0.5
@@ -37,8 +37,8 @@ NEGLIGIBLE_GAP = 0.15
 def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
     """Set the residuals of ``diagnosis`` on its test trials, and demote a verdict that they do not confirm.
 
-    A complete model must take most of the gap beyond noise. A model of an imperfect law must take at least half of the
-    share there that it takes of the trials that were left out. Nothing is missing, and a model is complete, only if the
+    An adequate model must take most of the gap beyond noise. A model of an imperfect law must take at least half of the
+    share there that it takes of the trials that were left out. Nothing is missing, and a model is adequate, only if the
     repeats of test trials share no large misfit, or none once the numbers are fitted to these trials as well. Where the
     simulation of a test trial diverges, the prediction of this trial failed. ``data`` hold the fitted trials with the
     noise between repeats.
@@ -47,15 +47,17 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
     if diagnosis.evaluated_on == "test":
         misfits = _select_unseen(diagnosis, estimate_misfit(evaluated.experiments, residuals, data.noise))
         if misfits and diagnosis.verdict in DEMOTED_VERDICTS:
-            judge_misfit(diagnosis, misfits, is_absorbed=can_numbers_absorb(diagnosis, data, evaluated.experiments))
+            record_test_misfit(
+                diagnosis, misfits, is_absorbed=can_numbers_absorb(diagnosis, data, evaluated.experiments)
+            )
         if diagnosis.added_terms:
-            judge_names(diagnosis)
+            record_confirmation(diagnosis)
         if NOMINAL_MODEL not in diagnosis.diverged_trials:
-            judge_numbers(diagnosis)
-    judge_divergence(diagnosis)
+            record_declared_advantage(diagnosis)
+    record_divergence(diagnosis)
 
 
-def judge_divergence(diagnosis: Diagnosis) -> None:
+def record_divergence(diagnosis: Diagnosis) -> None:
     """State which test trials cannot be simulated; a verdict whose model cannot simulate one is `unexplained`.
 
     Where only the model without effects can, it is the one that is recommended.
@@ -108,7 +110,7 @@ def can_numbers_absorb(diagnosis: Diagnosis, data: WeightedData, test_experiment
     return not any(is_significant(misfit) for part in misfits for misfit in part.values())
 
 
-def judge_misfit(diagnosis: Diagnosis, misfits: Mapping[str, Misfit], *, is_absorbed: bool) -> None:
+def record_test_misfit(diagnosis: Diagnosis, misfits: Mapping[str, Misfit], *, is_absorbed: bool) -> None:
     """Demote a verdict that denies the ``misfits`` of the test trials, unless the numbers absorb them."""
     channel = max(misfits, key=lambda name: misfits[name].rms / misfits[name].noise_rms)
     ratio = misfits[channel].rms / misfits[channel].noise_rms
@@ -127,7 +129,7 @@ def judge_misfit(diagnosis: Diagnosis, misfits: Mapping[str, Misfit], *, is_abso
     )
 
 
-def judge_names(diagnosis: Diagnosis) -> None:
+def record_confirmation(diagnosis: Diagnosis) -> None:
     """Set whether the test trials confirm the added effects, and demote a verdict that they do not confirm."""
     squares = [
         (np.square([gap.refitted, gap.with_effects]) / gap.noise_floor**2 - 1.0)
@@ -160,7 +162,7 @@ def judge_names(diagnosis: Diagnosis) -> None:
         )
 
 
-def judge_numbers(diagnosis: Diagnosis) -> None:
+def record_declared_advantage(diagnosis: Diagnosis) -> None:
     """Set whether the declared device predicts the test trials better than the recommended one, and say so.
 
     Then the fitted numbers compensate what the law lacks in the fitted trials, and do not hold beyond them. The verdict

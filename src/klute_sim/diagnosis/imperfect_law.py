@@ -26,7 +26,7 @@ from klute_sim.diagnosis.selection.predictive_selection import (
 
 FOLD_WORDS = {"condition": "condition", "specimen": "specimen", "part": "part of the trials"}
 """What a fold leaves out -> words."""
-MAX_COMPLETE_MODELS = 3
+MAX_ADEQUATE_MODELS = 3
 """Number of models that are tested for reaching the noise between repeats."""
 
 
@@ -64,7 +64,7 @@ def select_by_prediction(
     return selection, selection.run(base_fit, [best_fit.hypothesis.terms, *known])
 
 
-def find_complete_model(
+def find_adequate_model(
     search: ForwardSelection, base_fit: Fit, selection: PredictiveSelection, result: PredictiveResult
 ) -> Fit | None:
     """Return a model of the ``result`` of ``selection`` that reaches the noise between repeats and passes validation.
@@ -75,7 +75,7 @@ def find_complete_model(
         (model for model in result.models if model.terms and not model.obstacle),
         key=lambda model: model.fit.bic(selection.data.n_effective),
     )
-    for model in by_bic[:MAX_COMPLETE_MODELS]:
+    for model in by_bic[:MAX_ADEQUATE_MODELS]:
         refit = fit_hypothesis(search.data, model.fit.hypothesis, model.fit.x)
         if search.has_misfit(refit) or find_naming_obstacle(search.data, refit):
             continue

@@ -22,7 +22,7 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.final_model import (
     FinalModel,
     demote_absent_effect,
-    select_complete_model,
+    select_adequate_model,
     select_decisive_term,
     select_imperfect_model,
     select_proxies,
@@ -33,7 +33,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hyp
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.imperfect_law import (
     decide_verdict,
-    find_complete_model,
+    find_adequate_model,
     select_by_prediction,
 )
 from klute_sim.diagnosis.localization.misfit_map import map_misfit
@@ -191,7 +191,7 @@ def _select_model(
     # Without repeats nothing but predictions can tell a misfit from noise.
     is_unclear = search.has_misfit(final_fit) if search.has_repeats else search.has_relevant_residual(base_fit)
     if is_tolerated or not is_unclear:
-        selected = select_complete_model(search, base_fit, final_fit, options, progress)
+        selected = select_adequate_model(search, base_fit, final_fit, options, progress)
     else:
         selected = select_decisive_term(search, base_fit, final_fit, options, progress)
     if selected is not None:
@@ -200,9 +200,9 @@ def _select_model(
     selection, result = select_by_prediction(
         search, experiments, final_fit, lambda stage: progress(0.5, stage), options.seed
     )
-    complete_fit = find_complete_model(search, base_fit, selection, result) if search.has_repeats else None
-    if complete_fit is not None:
-        selected = select_complete_model(search, base_fit, complete_fit, options, progress)
+    adequate_fit = find_adequate_model(search, base_fit, selection, result) if search.has_repeats else None
+    if adequate_fit is not None:
+        selected = select_adequate_model(search, base_fit, adequate_fit, options, progress)
         if selected is not None:
             return selected
     has_exact_inputs = not any(e.preparation_variants for e in experiments)

@@ -20,7 +20,7 @@ from klute_sim.diagnosis.localization.equation_residuals import compute_equation
 from klute_sim.diagnosis.selection.bounds import refine_names
 from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection, SelectionStep
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, list_kinds
-from klute_sim.diagnosis.selection.pair_screening import has_complete_pair
+from klute_sim.diagnosis.selection.pair_screening import has_adequate_pair
 from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
 from klute_sim.diagnosis.selection.robustness import MAX_GAIN_LAG_FRACTION, EquivalentModel
 from klute_sim.diagnosis.selection.screening import acts_on_pressure
@@ -39,7 +39,7 @@ MIN_CONTAINED_SHARE = 0.99
 (assumed; it is 1 where a function is the law of the name, such as Coulomb friction)."""
 
 
-class CompleteTerm(NamedTuple):
+class AdequateTerm(NamedTuple):
     """A data-driven term with which repeats show no misfit."""
 
     fit: Fit
@@ -48,7 +48,7 @@ class CompleteTerm(NamedTuple):
     """Name of the equation that the term belongs to."""
 
 
-def find_complete_term(search: ForwardSelection, base_fit: Fit, exclude: Collection[str] = ()) -> CompleteTerm | None:
+def find_adequate_term(search: ForwardSelection, base_fit: Fit, exclude: Collection[str] = ()) -> AdequateTerm | None:
     """Return a data-driven term in one equation that is added to ``base_fit`` and leaves no misfit; None without one.
 
     ``exclude`` names effects that are not candidates.
@@ -57,7 +57,7 @@ def find_complete_term(search: ForwardSelection, base_fit: Fit, exclude: Collect
     fitted = fit_data_driven_term(search, base_fit, residuals, exclude, max_supports=1)
     if fitted.fit is None or search.has_misfit(fitted.fit):
         return None
-    return CompleteTerm(fitted.fit, fitted.equation)
+    return AdequateTerm(fitted.fit, fitted.equation)
 
 
 def predicts_as_well(search: ForwardSelection, term_fit: Fit, named_fit: Fit) -> bool:
@@ -78,10 +78,10 @@ def find_data_driven_rival(
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if not names:
         return None
-    complete = find_complete_term(search, base_fit, exclude)
-    if complete is None:
+    adequate = find_adequate_term(search, base_fit, exclude)
+    if adequate is None:
         return None
-    term_fit = complete.fit
+    term_fit = adequate.fit
     bic_difference = compute_bic_difference(search, term_fit, named_fit)
     if bic_difference > (search.bic_threshold if len(list_kinds(names)) > 1 else -search.bic_threshold):
         return None
@@ -127,7 +127,7 @@ def locate_term(term: EffectTerm) -> str:
 class DecisiveTerm(NamedTuple):
     """A data-driven term that explains the data to the noise where no names do, and the names that come nearest."""
 
-    complete: CompleteTerm
+    adequate: AdequateTerm
     """The term."""
     named_fit: Fit | None
     """Fit of the names that take most of what the term explains; None if there are none."""
@@ -150,10 +150,10 @@ def find_decisive_term(
     functions. A name that takes less than :data:`MIN_TERM_SHARE` of it only fills up what the others leave. ``exclude``
     names effects that are not candidates.
     """
-    complete = find_complete_term(search, base_fit, exclude)
-    if complete is None:
+    adequate = find_adequate_term(search, base_fit, exclude)
+    if adequate is None:
         return None
-    term_fit = complete.fit
+    term_fit = adequate.fit
     max_difference = -DECISIVE_MARGIN * search.bic_threshold
     if compute_bic_difference(search, term_fit, named_fit) > max_difference:
         return None
@@ -170,14 +170,14 @@ def find_decisive_term(
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if is_named and {locate_term(term) for term in names} == {locate_term(data_driven_term)}:
         return None
-    if has_complete_pair(search, base_fit, MIN_PAIR_GAIN_FRACTION * gain):
+    if has_adequate_pair(search, base_fit, MIN_PAIR_GAIN_FRACTION * gain):
         return None
     if last_step is None or not is_named:
-        return DecisiveTerm(complete, None, [])
+        return DecisiveTerm(adequate, None, [])
     named_fit = refine_names(search.data, named_fit)
     if base_fit.chi2 - named_fit.chi2 < MIN_NAMED_SHARE * gain or find_naming_obstacle(search.data, named_fit):
-        return DecisiveTerm(complete, None, [])
-    return DecisiveTerm(complete, named_fit, _list_rivals(search, last_step, base_fit, named_fit))
+        return DecisiveTerm(adequate, None, [])
+    return DecisiveTerm(adequate, named_fit, _list_rivals(search, last_step, base_fit, named_fit))
 
 
 def _list_rivals(search: ForwardSelection, step: SelectionStep, base_fit: Fit, named_fit: Fit) -> list[EquivalentModel]:

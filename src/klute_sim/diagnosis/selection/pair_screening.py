@@ -71,7 +71,7 @@ def _is_allowed(candidate: Candidate, amount: float) -> bool:
     return room > 0.0
 
 
-def has_complete_pair(search: ForwardSelection, base_fit: Fit, min_predicted_gain: float) -> bool:
+def has_adequate_pair(search: ForwardSelection, base_fit: Fit, min_predicted_gain: float) -> bool:
     """Return whether two effects together explain the data of ``search`` to the noise between repeats.
 
     Pairs are refitted whose predicted fall of chi squared from ``base_fit`` is at least ``min_predicted_gain``, best
