@@ -220,6 +220,10 @@ class Experiment(ABC):
     def coarse_variant(self) -> "Experiment":
         """The same trial with fewer, longer time steps; the trial itself where its time step is long already."""
 
+    def is_extrapolated(self, setup: SimulationSetup) -> bool:
+        """Return whether the response to ``setup`` is extrapolated to a vanishing time step."""
+        return self.coarse_variant is not self
+
     @property
     def parts(self) -> Mapping[str, Sequence[str]]:
         """Kind of part -> names of the parts of a mechanism that may have effects; empty on another rig."""

@@ -16,7 +16,13 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
 from klute_sim.datasets.trial import TimeSeries, Trial, Use
-from klute_sim.device.dynamics import DEAD_TIME_INDEX, apply_supply_effects, get_dead_time
+from klute_sim.device.dynamics import (
+    DEAD_TIME_INDEX,
+    N_INTERNAL_STATES,
+    DeviceParameters,
+    apply_supply_effects,
+    get_dead_time,
+)
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.experiments.base import (
@@ -37,8 +43,8 @@ MIN_TIME_STEP, MAX_TIME_STEP = 5e-4, 5e-3
 """Limits of the time step [s]. Below, the integration error vanishes in a load cell's noise; above, steps need not be
 longer."""
 SUPPLY_SUBSTEPS = 4
-"""Divisor of the time step for a supply with a valve or a tank, whose flow starts and stops within a step: without it,
-clean data at 200 Hz have an error of 0.2 (valve) and 0.5 (tank) times the noise of a pressure gauge."""
+"""Divisor of the time step for a supply with a valve or a tank, whose flow starts and stops within a step. No
+extrapolation corrects that: its error is 0.2 (valve) and 0.5 (tank) times the noise of a gauge in data of 200 Hz."""
 LENGTH_PERTURBATION = -1e-4
 """Change of the prescribed length [m] that measures the sensitivity to length noise; a bare muscle can only shorten."""
 STATIONARY_SPEED = 1e-3
@@ -68,6 +74,8 @@ class BenchExperiment(Experiment):
     """Other courses of the length [m] between samples that are far apart."""
     other_commands: tuple[Array, ...] = field(default=(), kw_only=True)
     """Other courses of the command [Pa] between samples that are far apart."""
+    supply_substeps: int = field(default=SUPPLY_SUBSTEPS, kw_only=True)
+    """Divisor of the time step for a supply with a valve or a tank."""
 
     @cached_property
     def coarse_variant(self) -> Experiment:
@@ -77,8 +85,23 @@ class BenchExperiment(Experiment):
             return self
         length, command = self.unit_length[factor - 1 :: factor], self.command[factor - 1 :: factor]
         return replace(
-            self, dt=self.dt * factor, unit_length=length, command=command, other_lengths=(), other_commands=()
+            self,
+            dt=self.dt * factor,
+            unit_length=length,
+            command=command,
+            other_lengths=(),
+            other_commands=(),
+            supply_substeps=1,
         )
+
+    def is_extrapolated(self, setup: SimulationSetup) -> bool:
+        """Return whether the response to ``setup`` is extrapolated: not where the time step is divided."""
+        return super().is_extrapolated(setup) and self._count_substeps(setup.parameters) == 1
+
+    def _count_substeps(self, parameters: DeviceParameters) -> int:
+        """Return into how many steps each time step is divided for the device."""
+        supply = apply_supply_effects(parameters, (0.0,) * N_INTERNAL_STATES)
+        return self.supply_substeps if supply.fill_conductance > 0.0 or supply.tank_volume > 0.0 else 1
 
     @property
     def input_variants(self) -> tuple[tuple[Experiment, ...], ...]:
@@ -131,8 +154,7 @@ class BenchExperiment(Experiment):
             )
             parameters = parameters._replace(effects=effects)
             length = length + shift / dt * np.diff(length, append=length[-1])
-        supply = apply_supply_effects(parameters, initial_state.internal_state)
-        n_substeps = SUPPLY_SUBSTEPS if supply.fill_conductance > 0.0 or supply.tank_volume > 0.0 else 1
+        n_substeps = self._count_substeps(parameters)
         steps = np.arange(len(length), dtype=np.float64)
         fine_steps = (np.arange(n_substeps * len(length)) + 1.0) / n_substeps - 1.0
         rollout = simulate_rollouts(

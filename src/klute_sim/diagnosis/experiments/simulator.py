@@ -63,10 +63,10 @@ def simulate_extrapolated(
 
     ``simulate`` runs one simulation.
     """
-    coarse = simulate(setup, experiment.coarse_variant)
-    if experiment.coarse_variant is experiment:
-        return coarse
-    return extrapolate_to_zero_step(simulate(setup, experiment), coarse)
+    fine = simulate(setup, experiment)
+    if not experiment.is_extrapolated(setup):
+        return fine
+    return extrapolate_to_zero_step(fine, simulate(setup, experiment.coarse_variant))
 
 
 def observe(setup: SimulationSetup, experiment: Experiment, response: DeviceResponse) -> dict[str, Array]:
