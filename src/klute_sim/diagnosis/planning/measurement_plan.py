@@ -16,6 +16,7 @@ from klute_sim.device.device import Device
 from klute_sim.device.dynamics import compute_tension
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.diagnosis.experiments.bench import interpolate_smoothly
 from klute_sim.errors import InputError
 from klute_sim.types import Array
 from klute_sim.units import BAR
@@ -97,7 +98,7 @@ def simulate_recording(device: Device, program: Program, seed: Sequence[int]) ->
     state = compute_equilibrium_state(device.parameters, float(length[0]), float(command[0]))
     rollout = simulate_rollouts(
         device.parameters,
-        np.interp(grid, time, length),
+        interpolate_smoothly(grid, time, length),
         np.interp(grid, time, command),
         TIME_STEP,
         initial_state=state,
