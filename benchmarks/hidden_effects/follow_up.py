@@ -17,6 +17,7 @@ from benchmarks.hidden_effects.plan import FORCE_RANGE_N
 from benchmarks.hidden_effects.set_up import list_numbers
 from benchmarks.hidden_effects.simulate import Hidden, Noise, draw_wander, simulate_measurements
 from benchmarks.hidden_effects.truth import TRACE_STEP
+from scipy.interpolate import PchipInterpolator
 
 from klute_sim.bench.protocols.library import load_identification_protocols
 from klute_sim.datasets.dataset import load_dataset
@@ -64,7 +65,7 @@ def _build_program(folder: Path, protocol: str) -> InputProgram:
     samples = np.arange(int(commands.time[-1] / SAMPLE_INTERVAL + 1e-6) + 1)
     duration = float(samples[-1] * SAMPLE_INTERVAL)
     grid = np.arange(round(duration / TRACE_STEP) + 1) * TRACE_STEP
-    length = np.interp(grid, commands.time, commands.unit_length)
+    length = PchipInterpolator(commands.time, commands.unit_length)(grid)  # a crosshead has mass
     command = np.interp(samples * SAMPLE_INTERVAL, commands.time, commands.command)
     return InputProgram(FOLLOW_UP_GROUP, "fit", duration, length, command)
 
