@@ -21,11 +21,11 @@ TAPER = EffectTerm("end_taper", "strain")
 OIL = EffectTerm("oil_temperature", "walther")
 
 
-def make_fit(*values: tuple[EffectTerm, tuple[float, ...]]) -> Fit:
+def make_fit(*values: tuple[EffectTerm, tuple[float, ...]], sensitivity: float = 1e4) -> Fit:
     hypothesis = Hypothesis(DEVICE, (), (("force", 3.0),), tuple(term for term, _ in values))
     numbers = [number for _, row in values for number in row]
     x = [p.normalize(number) for p, number in zip(hypothesis.parameters, numbers, strict=True)]
-    return Fit(hypothesis, np.array(x), np.zeros(1), np.ones((1, len(x))), True, [])
+    return Fit(hypothesis, np.array(x), np.zeros(len(x)), sensitivity * np.eye(len(x)), True, [])
 
 
 def test_numbers_and_instruments_that_only_some_models_blame_are_measured() -> None:
@@ -58,12 +58,19 @@ def test_difference_below_the_accuracy_is_not_proposed() -> None:
         assert len(list_direct_measurements([make_fit(), fit])) == count
 
 
+def test_value_that_the_fit_hardly_knows_is_not_proposed() -> None:
+    """A temperature of 3 °C, known to 20 °C beside another parameter, refutes nothing when 17 °C is read."""
+    for sensitivity, count in ((1e4, 1), (0.3, 0)):
+        fit = make_fit((OIL, (40.0, 50.0)), sensitivity=sensitivity)
+        assert len(list_direct_measurements([make_fit(), fit])) == count
+
+
 def test_number_of_a_model_has_its_unit() -> None:
     name = "model.geom.load.mass"
     term = EffectTerm("number_error", "value", number=name)
     hypothesis = Hypothesis(DEVICE, (), (("force", 3.0),), (term,), mechanism_numbers=((name, 1.0),))
     x = np.array([hypothesis.parameters[0].normalize(1.08)])
-    heavier = Fit(hypothesis, x, np.zeros(1), np.ones((1, 1)), True, [])
+    heavier = Fit(hypothesis, x, np.zeros(1), np.full((1, 1), 1e4), True, [])
     (weight,) = list_direct_measurements([make_fit(), heavier])
     assert (weight.expected, weight.otherwise, weight.unit) == (pytest.approx(1.08), 1.0, "kg")
     assert "Weigh the part: 1.08 kg confirms" in weight.to_dict()["sentence"]

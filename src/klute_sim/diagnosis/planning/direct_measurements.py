@@ -4,8 +4,11 @@ Where no experiment separates a wrong number from an effect, the number itself c
 expects a value of it, and the others expect the declared one.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
@@ -14,7 +17,7 @@ from klute_sim.effects.effect import EffectParameter
 from klute_sim.units import split_unit
 
 DECISIVE_RATIO = 4.0
-"""Smallest difference between the expected values, in accuracies of the measurement, that is worth a measurement
+"""Smallest difference between the expected values, in standard errors of the comparison, that is worth a measurement
 (assumed)."""
 
 
@@ -106,6 +109,8 @@ class DirectMeasurement(NamedTuple):
     """Value without it, in ``unit``."""
     unit: str
     """Unit; '' for a ratio."""
+    standard_error: float
+    """Standard error of the expected value in the fit, in the unit."""
 
     @property
     def accuracy(self) -> float:
@@ -114,8 +119,8 @@ class DirectMeasurement(NamedTuple):
 
     @property
     def is_decisive(self) -> bool:
-        """Whether the measurement tells both values apart."""
-        return abs(self.expected - self.otherwise) >= DECISIVE_RATIO * self.accuracy
+        """Whether the measurement tells both values apart, although the fit does not know the expected one exactly."""
+        return abs(self.expected - self.otherwise) >= DECISIVE_RATIO * math.hypot(self.accuracy, self.standard_error)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``verdict.json``."""
@@ -150,23 +155,30 @@ def list_direct_measurements(fits: Sequence[Fit]) -> list[DirectMeasurement]:
 
 
 def _iterate_measurements(fit: Fit, index: int, term: EffectTerm) -> Iterator[DirectMeasurement]:
-    rows = zip(fit.hypothesis.parameters, fit.values, strict=True)
-    values = {parameter.name: (parameter.initial, value) for parameter, value in rows if parameter.term_index == index}
+    covariance = np.linalg.pinv(fit.jacobian.T @ fit.jacobian)
+    standard_errors = np.sqrt(np.maximum(0.0, np.diag(covariance)))
+    values = {
+        parameter.name: (parameter.initial, value, abs(parameter.denormalize(x + error) - value))
+        for parameter, value, x, error in zip(
+            fit.hypothesis.parameters, fit.values, fit.x.tolist(), standard_errors.tolist(), strict=True
+        )
+        if parameter.term_index == index
+    }
     if term.number is not None:
         if is_model_number(term.number):
             method, unit = MODEL_NUMBER_METHODS.get(term.number.rpartition(".")[2], (None, ""))
         else:
             method, unit = NUMBER_METHODS.get(term.number), split_unit(term.number)[1]
         if method is not None:
-            declared, expected = values[term.number]
-            yield DirectMeasurement(term.qualified_name, term.number, method, expected, declared, unit)
+            declared, expected, error = values[term.number]
+            yield DirectMeasurement(term.qualified_name, term.number, method, expected, declared, unit, error)
         return
     for parameter in term.parameters:
         method = _find_method(term, parameter)
         if method is not None and parameter.neutral is not None:
-            unit = split_unit(parameter.key)[1]
-            expected = values[parameter.key][1]
-            yield DirectMeasurement(term.qualified_name, parameter.key, method, expected, parameter.neutral, unit)
+            name, key, unit = term.qualified_name, parameter.key, split_unit(parameter.key)[1]
+            _, expected, error = values[key]
+            yield DirectMeasurement(name, key, method, expected, parameter.neutral, unit, error)
 
 
 def _find_method(term: EffectTerm, parameter: EffectParameter) -> MeasurementMethod | None:
