@@ -31,18 +31,21 @@ def make_correlated_noise(rng: np.random.Generator, count: int, deviation: float
     return noise
 
 
-def make_inputs(index: int, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return length [m] and command [Pa] of one experiment, sampled at :data:`INTERVAL`."""
+def make_inputs(index: int, seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return length [m] at each time step, and length [m] and command [Pa] sampled at :data:`INTERVAL`."""
     rng = np.random.default_rng(100 + index)
-    time = np.arange(round(seconds / INTERVAL)) * INTERVAL
-    motion_time = np.clip(time - 0.3, 0.0, None)
+    n_samples = round(seconds / INTERVAL)
+    motion_time = np.clip(
+        np.arange((n_samples - 1) * STEPS_PER_SAMPLE + 1) * INTERVAL / STEPS_PER_SAMPLE - 0.3, 0.0, None
+    )
     wave = sum(
         a * np.sin(2 * np.pi * f * motion_time)
         for a, f in zip((6e-3, 3e-3, 1e-3), rng.uniform(0.3, 4.0, 3), strict=True)
     )
-    steps = rng.uniform(0.5e5, 4.5e5, 40).repeat(round(0.4 / INTERVAL))[: len(time)]
+    steps = rng.uniform(0.5e5, 4.5e5, 40).repeat(round(0.4 / INTERVAL))[:n_samples]
     steps[: round(0.3 / INTERVAL)] = steps[0]
-    return 0.340 + wave, steps
+    length = 0.340 + wave
+    return length, length[::STEPS_PER_SAMPLE], steps
 
 
 def write_dataset(
@@ -65,12 +68,12 @@ def write_dataset(
     lines = ['format = "klute-sim-dataset/2"', 'rig = "bench"', f'device = "{device}"', "", "[uncertain]"]
     lines += ['"tendon.stiffness_1_n_per_mm" = "10 %"', '"muscle.friction_slope_n_per_bar" = "10 %"']
     for index, group in enumerate(groups):
-        length, command = make_inputs(index, seconds)
+        fine_length, length, command = make_inputs(index, seconds)
         time = np.arange(len(length)) * INTERVAL
         fine_time = np.arange(1, (len(time) - 1) * STEPS_PER_SAMPLE + 1) * INTERVAL / STEPS_PER_SAMPLE
         initial_state = compute_equilibrium_state(parameters, float(length[0]), float(command[0]))
-        fine_inputs = np.interp(fine_time, time, length), np.interp(fine_time, time, command)
-        response = simulate_rollouts(parameters, *fine_inputs, INTERVAL / STEPS_PER_SAMPLE, initial_state=initial_state)
+        inputs = fine_length[1:], np.interp(fine_time, time, command)
+        response = simulate_rollouts(parameters, *inputs, INTERVAL / STEPS_PER_SAMPLE, initial_state=initial_state)
         for repeat in range(repeats):
             readings = {
                 "force": response.tension[STEPS_PER_SAMPLE - 1 :: STEPS_PER_SAMPLE],

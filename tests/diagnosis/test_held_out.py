@@ -170,9 +170,9 @@ def write_constant_pressure(folder: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
     default_inputs = synthetic_dataset.make_inputs
 
-    def make_inputs(index: int, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-        length, command = default_inputs(index, seconds)
-        return length, np.full(len(command), 3e5) if index == 0 else command
+    def make_inputs(index: int, seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        fine_length, length, command = default_inputs(index, seconds)
+        return fine_length, length, np.full(len(command), 3e5) if index == 0 else command
 
     true = load_device("klute-3-4-pair").with_changes(
         {"muscle.friction_slope_n_per_bar": 36.0, "muscle.friction_offset_n": -62.2}
