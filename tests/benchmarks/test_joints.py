@@ -77,7 +77,7 @@ def test_shorter_steps_change_nothing_that_shows() -> None:
 
 
 def test_hidden_joint_effects_equal_those_of_catalogue() -> None:
-    effects = [e for e in catalogue.get_effects().values() if e.kind == "mechanism" and e.part != "slide joint"]
+    effects = [e for e in catalogue.get_named_effects().values() if e.kind == "mechanism" and e.part != "slide joint"]
     forms = {(e.name, form.name): form for e in effects for form in e.forms}
     omitted = {("joint_friction", "viscous"), ("gravity_tilt", "about_x"), ("sensor_backlash", "play")}
     assert set(forms) - set(benchmark.JOINT_EFFECTS) == omitted
