@@ -130,7 +130,7 @@ def test_adequate_model_at_a_bound_is_not_named(
         assert (selected is None) == (verdict == "identified")
 
 
-def test_predictions_decide_where_a_adequate_model_may_not_be_named(
+def test_predictions_decide_where_an_adequate_model_may_not_be_named(
     data: WeightedData, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     search, fit, decision = ForwardSelection(data, [], []), make_fit(COULOMB), ImperfectLawDecision("unexplained", [])

@@ -55,9 +55,10 @@ def test_jacobian_is_the_derivative_of_the_residuals(fitted_data: tuple) -> None
             row[k] += sign * 1e-3
             vector = weighted_data.weight_residuals(weighted_data.compute_residuals(hypothesis, [row])[0])
             deviations.append(np.concatenate([vector, row[:1]]))
-        assert result.jacobian[:, k] == pytest.approx(
-            (deviations[0] - deviations[1]) / 2e-3, abs=0.03 * np.abs(result.jacobian).max()
-        )
+        difference = result.jacobian[:, k] - (deviations[0] - deviations[1]) / 2e-3
+        assert np.linalg.norm(difference) < 0.02 * np.linalg.norm(result.jacobian[:, k])
+        is_close = np.abs(difference) < 0.02 * np.abs(result.jacobian).max()
+        assert np.count_nonzero(~is_close) <= 2  # one sample of both repeats
         error = np.linalg.norm(coarse.jacobian[:, k] - result.jacobian[:, k])
         assert 0.0 < error < 0.25 * np.linalg.norm(result.jacobian[:, k])
 
