@@ -76,6 +76,14 @@ def measure_rise(effect: str, form: str, parameters: Mapping[str, float], low: f
     return float(np.interp(high, pressure, time) - np.interp(low, pressure, time))
 
 
+def measure_overshoot(effect: str, form: str, parameters: Mapping[str, float]) -> float:
+    """Return the part of a step of the command to 3 bar by which the pressure exceeds it [1]."""
+    dt, count, height = 1e-5, 20000, 3.0 * BAR
+    command = np.where(np.arange(count) < 1, 0.0, height)
+    pressure = measure_pressure(effect, form, parameters, command, dt)
+    return float((pressure.max() - ROOM_PRESSURE) / height - 1.0)
+
+
 def measure_delay(effect: str, form: str, parameters: Mapping[str, float]) -> float:
     """Return the time [s] between a step of the command and the first rise of the pressure."""
     dt, count, start = 1e-4, 800, 100
@@ -177,6 +185,19 @@ ROWS = (
         measure=lambda: measure_rise(
             "pressure_lag", "first_order", {"time_constant_s": 0.05}, BAR + ROOM_PRESSURE, 4.0 * BAR + ROOM_PRESSURE
         ),
+    ),
+    *(
+        EffectSize(
+            effect="pressure_lag",
+            form="second_order",
+            parameters={"time_constant_s": 0.02, "damping_ratio": damping_ratio},
+            quantity="overshoot after a step [1]",
+            stated=math.exp(-math.pi * damping_ratio / math.sqrt(1.0 - damping_ratio**2)),
+            measure=lambda ratio=damping_ratio: measure_overshoot(
+                "pressure_lag", "second_order", {"time_constant_s": 0.02, "damping_ratio": ratio}
+            ),
+        )
+        for damping_ratio in (0.4, 0.7)
     ),
     EffectSize(
         effect="volume_coupling",

@@ -34,7 +34,6 @@ from benchmarks.hidden_effects.air import (
 from benchmarks.hidden_effects.compiled import cached_njit
 from benchmarks.hidden_effects.law import (
     DISTURBANCE_INDEX,
-    FILM_TIME,
     N_INTERNAL_STATES,
     PRESSURE_INDEX,
     Law,
@@ -248,7 +247,6 @@ def integrate_device(
     set_rest_state(memory, L - law.resting_length, boundary.unit_length - L - law.slack - law.tendon_slack, law)
     if is_coupled:
         memory[PRESSURE_INDEX] = filled
-    longest = 0.5 * FILM_TIME if law.stribeck != 0.0 else TRACE_STEP  # the film is looked up a stage late
     v, h, steps = 0.0, 1e-5, 0
     for k in range(n):
         if k > 0:
@@ -271,7 +269,7 @@ def integrate_device(
                     t, L, v = t + step, twice, v2
                     memory[:] = final
                     steps += 1
-                h = min(max(step * scale, MIN_TIME_STEP), longest)
+                h = min(max(step * scale, MIN_TIME_STEP), TRACE_STEP)
         boundary = boundary_conditions_at(k * TRACE_STEP, inputs, air)
         length[k], pressure[k] = L, boundary.pressure
         if is_coupled:

@@ -285,5 +285,10 @@ def test_plan_and_diagnosis_find_what_a_part_lacks(
 def test_seal_that_feels_the_pressure_is_proposed_for_cylinders_only() -> None:
     seal = catalogue.get_effects()["seal_friction"]
     cylinder, muscle = parse_device(('name = "c"\n' + CYLINDER).encode(), "cylinder"), load_device("klute-3-4-pair")
-    assert [form.name for form in cylinder.spec.list_candidate_forms(seal)] == ["coulomb", "stribeck", "pressure"]
-    assert [form.name for form in muscle.spec.list_candidate_forms(seal)] == ["coulomb", "stribeck"]
+    assert [form.name for form in cylinder.spec.list_candidate_forms(seal)] == [
+        "coulomb",
+        "stribeck",
+        "presliding",
+        "pressure",
+    ]
+    assert [form.name for form in muscle.spec.list_candidate_forms(seal)] == ["coulomb", "stribeck", "presliding"]

@@ -166,7 +166,7 @@ def compute_friction(result: Diagnosis, speeds: list[float]) -> float:
                 state, muscle = form.make_zero_state(), hypothesis.device.parameters.muscle
                 for step in range(2000 if form.n_states else 0):  # to the internal state at steady speed
                     length = muscle.resting_length + speed * 1e-3 * (step + 1)
-                    state = form.state_type(*form.laws["next_state"](p, state, muscle, 0.0, length, 0.0, 1e-3))
+                    state = form.state_type(*form.laws["next_state"](p, state, muscle, 0.0, 0.0, length, 0.0, 1e-3))
                 forces[k] += form.laws["damper_force"](p, state, 0.0, speed)
             elif term.effect == "unknown_force":
                 muscle = hypothesis.device.parameters.muscle

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.signal import lti, step
 
 from klute_sim.device.device import load_device
 from klute_sim.device.equilibrium import compute_taut_state
@@ -44,6 +45,32 @@ def test_regulator_effects_match_their_equations() -> None:
     # The supply's maximum rate does not limit a lag of 50 ms on 3 bar.
     expected = 4e5 + (rise[0] - 4e5) * np.exp(-(after - after[0]) / 0.05)
     assert rise == pytest.approx(expected, abs=0.01 * 3e5)
+
+
+@pytest.mark.parametrize("damping_ratio", [0.3, 1.5])
+def test_second_order_lag_is_the_closed_form_step_response(damping_ratio: float) -> None:
+    """Its error falls with the time step, which the supply's maximum rate does not limit here."""
+    tau, end, height = 0.02, 0.2, 1e5
+    device = activate(
+        catalogue.find_slot("pressure_lag", "second_order"), {"time_constant_s": tau, "damping_ratio": damping_ratio}
+    )
+    device = device._replace(supply=device.supply._replace(max_pressure_rate=1e9))
+    step_response = lti([1.0], [tau * tau, 2.0 * damping_ratio * tau, 1.0])
+    errors = []
+    for dt in (4e-4, 2e-4):
+        n = round(end / dt)
+        start = compute_taut_state(device, 0.338, 2e5)
+        trace = simulate_rollouts(device, np.full(n, 0.338), np.full(n, 2e5 + height), dt, initial_state=start)
+        _, expected = step(step_response, T=np.arange(n + 1) * dt)
+        errors.append(np.abs(trace.pressure - 2e5 - height * expected[1:]).max() / height)
+    assert errors[0] < 0.03
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.1)
+
+
+def test_second_order_lag_follows_the_command_where_its_time_constant_is_zero() -> None:
+    slot = catalogue.find_slot("pressure_lag", "second_order")
+    trace = run(activate(slot, {"time_constant_s": 0.0, "damping_ratio": 0.7}))
+    assert np.array_equal(trace.pressure, BASE.pressure)
 
 
 def test_choked_valve_fills_in_the_closed_form_time() -> None:
@@ -131,7 +158,7 @@ def test_maxwell_slip_starts_at_its_stiffness_and_saturates_at_its_friction() ->
     forces = []
     for x in np.linspace(0.0, 5e-3, 500):
         length = muscle.resting_length + x
-        state = slot.form.state_type(*laws["next_state"](p, state, muscle, pressure, length, 0.0, 1e-3))
+        state = slot.form.state_type(*laws["next_state"](p, state, muscle, pressure, pressure, length, 0.0, 1e-3))
         forces.append(laws["muscle_force"](p, state, 0.0, muscle, pressure, length, 0))
     assert forces[1] / 1.002e-5 == pytest.approx(2 * 40e3, rel=0.01)
     assert forces[-1] == pytest.approx(2 * 8.0 * 3.0)

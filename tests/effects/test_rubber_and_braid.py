@@ -102,11 +102,15 @@ def test_rubber_is_softer_after_a_larger_stretch() -> None:
     rest = muscle.resting_length
     ratios, loading, reloading = np.linspace(1.0, 0.8, 50), [], []
     for ratio in ratios:
-        state = form.state_type(*bladder_wall.step_max_energy_density(p, state, muscle, 0.0, ratio * rest, 0.0, 1e-3))
+        state = form.state_type(
+            *bladder_wall.step_max_energy_density(p, state, muscle, 0.0, 0.0, ratio * rest, 0.0, 1e-3)
+        )
         loading.append(bladder_wall.soften_bladder(p, state, 0.0, muscle, 0.0, ratio * rest, 0.0))
     assert loading == [0.0] * 50
     for ratio in ratios:
-        state = form.state_type(*bladder_wall.step_max_energy_density(p, state, muscle, 0.0, ratio * rest, 0.0, 1e-3))
+        state = form.state_type(
+            *bladder_wall.step_max_energy_density(p, state, muscle, 0.0, 0.0, ratio * rest, 0.0, 1e-3)
+        )
         plain = mckibben.bladder_force(muscle, ratio * rest)
         reloading.append(bladder_wall.soften_bladder(p, state, plain, muscle, 0.0, ratio * rest, 0.0) / (plain or 1.0))
     assert reloading[-1] == 1.0
@@ -121,7 +125,7 @@ def test_hysteretic_stretch_approaches_its_limit_for_any_step(name: str, ratio: 
     state, rest = form.make_zero_state(), muscle.resting_length
 
     def step(state: Any, pressure: float, length: float) -> Any:
-        return form.state_type(*form.laws["next_state"](p, state, muscle, pressure, length, 0.0, 1e-3))
+        return form.state_type(*form.laws["next_state"](p, state, muscle, pressure, pressure, length, 0.0, 1e-3))
 
     for k in range(1, 1001):
         state = step(state, pressure, rest + 1e-5 * k)
@@ -163,19 +167,45 @@ def test_dahl_unloads_on_a_curve_and_equal_constants_on_a_line() -> None:
     assert unloaded[0.0] == pytest.approx((start + max_stretch) * math.exp(-path / max_stretch) - max_stretch)
 
 
+def step_states(form: Any, p: Any, muscle: Any, displacements: Any, dt: float = 1e-3) -> list[Any]:
+    """Return the internal states of ``form`` after each of ``displacements`` beyond the resting length [m]."""
+    states = [form.make_zero_state()]
+    for x in displacements:
+        length = muscle.resting_length + x
+        states.append(form.state_type(*form.laws["next_state"](p, states[-1], muscle, 0.0, 0.0, length, 0.0, dt)))
+    return states[1:]
+
+
 def test_stribeck_friction_falls_with_speed() -> None:
     muscle, form = MUSCLES[1], find_form("seal_friction", "stribeck")
     p = form.parameter_type(15.0, 0.6, 0.015)
     forces = {}
     for speed in (0.003, 0.1):
-        state = form.make_zero_state()
-        for k in range(1, 400):
-            length = muscle.resting_length + speed * 1e-3 * k
-            state = form.state_type(*seal.step_stribeck(p, state, muscle, 0.0, length, 0.0, 1e-3))
+        state = step_states(form, p, muscle, speed * 1e-3 * np.arange(1, 400))[-1]
         forces[speed] = seal.stribeck_friction(p, state, 0.0, speed)
         assert seal.stribeck_friction(p, state, 0.0, -speed) == -forces[speed]
     assert forces[0.1] == pytest.approx(15.0, rel=1e-3)
     assert forces[0.003] == pytest.approx(15.0 * (1.0 + 0.6 * math.exp(-0.04)), rel=1e-3)
+
+
+def test_stribeck_friction_follows_the_speed_with_the_time_constant_of_the_film() -> None:
+    muscle, form = MUSCLES[1], find_form("seal_friction", "stribeck")
+    p, dt = form.parameter_type(15.0, 0.6, 0.015), 1e-5
+    n = round(seal.FILM_TIME_CONSTANT / dt)
+    states = step_states(form, p, muscle, 0.1 * dt * np.arange(1, n + 1), dt)  # at once at 0.1 m/s
+    assert states[-1].peak_loss == pytest.approx(1.0 - math.exp(-1.0), rel=2e-3)
+
+
+def test_seal_deforms_before_it_slides() -> None:
+    muscle, form = MUSCLES[1], find_form("seal_friction", "presliding")
+    p = form.parameter_type(15.0, 3e-4)
+    path = np.concatenate((np.linspace(0.0, 3e-3, 301)[1:], np.linspace(3e-3, 0.0, 301)[1:]))
+    states = step_states(form, p, muscle, path)
+    forces = np.array([seal.presliding_friction(p, state, 0.0, 0.0) for state in states])
+    assert forces[0] == pytest.approx(15.0 * 1e-5 / 3e-4, rel=0.02)
+    assert forces[299] == pytest.approx(15.0, rel=1e-3)
+    assert forces[-1] == pytest.approx(-15.0, rel=1e-3)
+    assert np.trapezoid(np.append(0.0, forces), np.append(0.0, path)) > 0.0  # it dissipates
 
 
 def test_quantized_reading_is_a_multiple_of_the_step() -> None:

@@ -198,7 +198,7 @@ def step_internal_state(
         effects, internal_state, unit_length - length - parameters.tendon.slack_length
     )
     effect_states: tuple[float, ...] = effect_chain.next_state(
-        effects, internal_state, parameters.muscle, acting_pressure, length, stretch, dt
+        effects, internal_state, parameters.muscle, acting_pressure, pressure, length, stretch, dt
     )
     damper = apply_damper_effects(parameters, internal_state)
     if not damper_chamber.has_elastic_chambers(damper):

@@ -1,11 +1,19 @@
-"""Friction of seals and guides: dry, falling with speed, or growing with pressure after the seal has deformed."""
+"""Friction of seals and guides: dry, falling with speed, or of a seal that deforms before it slides."""
 
 import math
 from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
-from klute_sim.effects.smoothing import smooth_sign, step_bouc_wen
+from klute_sim.effects.smoothing import smooth_sign, step_bouc_wen, step_follower
 from klute_sim.laws.mckibben import MuscleParameters
+
+FILM_TIME_CONSTANT = 5e-3
+"""Time constant with which a lubricating film follows the speed [s].
+
+Assumed: friction of lubricated line contacts follows a change of speed after 3 to 9 ms (Hess & Soom, J. Tribology
+112:147, 1990). Without it, two speeds could balance the same force, and sticking and slipping would depend on the time
+step.
+"""
 
 
 def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
@@ -14,24 +22,52 @@ def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
 
 
 def stribeck_friction(p: Any, state: Any, force: float, velocity: float) -> float:
-    """Return the damper tension [N] plus ``F (1 + stick exp(-(v/vs)^2)) sign(v)``.
-
-    The bracket uses the speed of the preceding step. It falls with speed, so with the speed of the same step the force
-    balance could have two solutions.
-    """
+    """Return the damper tension [N] plus ``F (1 + stick (1 - z)) sign(v)``, with z the reduction of the peak [1]."""
     return force + p.force * (1.0 + p.stick_fraction * (1.0 - state.peak_loss)) * smooth_sign(velocity)
 
 
 def step_stribeck(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
-) -> tuple[float, float, float]:
-    """Return the reduction of the friction peak [1], the speed [m/s] and the length beyond rest [m] after the step."""
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    gauge_pressure: float,
+    length: float,
+    stretch: float,
+    dt: float,
+) -> tuple[float, float]:
+    """Return the reduction of the friction peak [1] and the length beyond rest [m] after the step.
+
+    ``dz/dt = (1 - exp(-(v/vs)^2) - z) / tau``: at constant speed the curve of Stribeck (Armstrong-Helouvry,
+    Dupont & Canudas de Wit, Automatica 30:1083, 1994), with tau = :data:`FILM_TIME_CONSTANT`.
+    """
     x = length - muscle.resting_length
-    return (
-        1.0 - math.exp(-((state.speed / p.stribeck_speed) * (state.speed / p.stribeck_speed))),
-        abs(x - state.length) / dt,
-        x,
-    )
+    ratio = (x - state.length) / (dt * p.stribeck_speed)
+    return step_follower(state.peak_loss, 1.0 - math.exp(-ratio * ratio), FILM_TIME_CONSTANT, dt), x
+
+
+def presliding_friction(p: Any, state: Any, force: float, velocity: float) -> float:
+    """Return the damper tension [N] plus ``F u / s``, with u the elastic displacement of the seal."""
+    return force + p.force * (state.seal_displacement / p.presliding)
+
+
+def step_presliding(
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    gauge_pressure: float,
+    length: float,
+    stretch: float,
+    dt: float,
+) -> tuple[float, float]:
+    """Return the elastic displacement of the seal and the length beyond rest [m] after the step.
+
+    Dahl's model (:func:`~klute_sim.effects.smoothing.step_bouc_wen` with gamma = 0): before it slides with the force F,
+    the seal deforms with the stiffness F/s.
+    """
+    x = length - muscle.resting_length
+    return step_bouc_wen(state.seal_displacement, x - state.length, p.presliding, 0.0, dt), x
 
 
 def pressed_seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
@@ -40,15 +76,22 @@ def pressed_seal_friction(p: Any, state: Any, force: float, velocity: float) -> 
 
 
 def step_seal_displacement(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    gauge_pressure: float,
+    length: float,
+    stretch: float,
+    dt: float,
 ) -> tuple[float, float]:
     """Return the elastic displacement of the seal and the length beyond rest [m] after the step.
 
     Dahl's model (:func:`~klute_sim.effects.smoothing.step_bouc_wen` with gamma = 0): before it slides with the force
-    ``F (1 + g P)``, the seal deforms with the stiffness k. P is the gauge pressure that the device records.
+    ``F (1 + g P)``, the seal deforms with the stiffness k. P is the gauge pressure.
     """
     x = length - muscle.resting_length
-    max_displacement = p.force * (1.0 + p.growth * pressure) / p.stiffness
+    max_displacement = p.force * (1.0 + p.growth * gauge_pressure) / p.stiffness
     return step_bouc_wen(state.seal_displacement, x - state.length, max_displacement, 0.0, dt), x
 
 
@@ -74,7 +117,7 @@ SEAL_FRICTION = Effect(
         ),
         EffectForm(
             name="stribeck",
-            equation="F += F_seal (1 + stick exp(-(v/v_s)^2)) sign(v)",
+            equation="F += F_seal (1 + stick (1 - z)) sign(v), dz/dt = (1 - exp(-(v/v_s)^2) - z) / 5 ms",
             parameters=(
                 EffectParameter(
                     key="force_n",
@@ -102,7 +145,31 @@ SEAL_FRICTION = Effect(
                 ),
             ),
             laws={"damper_force": stribeck_friction, "next_state": step_stribeck},
-            states=("peak_loss", "speed", "length"),
+            states=("peak_loss", "length"),
+        ),
+        EffectForm(
+            name="presliding",
+            equation="F += F_seal u/s, du/dx = 1 - u sign(dx)/s",
+            parameters=(
+                EffectParameter(
+                    key="force_n",
+                    neutral=0.0,
+                    lower=0.0,
+                    upper=200.0,
+                    typical=15.0,
+                    source="pneumatic cylinder seals measured at 7-21 N",
+                ),
+                EffectParameter(
+                    key="presliding_mm",
+                    neutral=None,
+                    lower=0.01,
+                    upper=5.0,
+                    typical=0.3,
+                    source="pneumatic cylinder seals measured: they deform within a millimetre (docs/real-data.md)",
+                ),
+            ),
+            laws={"damper_force": presliding_friction, "next_state": step_presliding},
+            states=("seal_displacement", "length"),
         ),
         EffectForm(
             name="pressure",

@@ -3,6 +3,7 @@
 from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
+from klute_sim.laws.mckibben import MuscleParameters
 
 
 def lag_pressure(p: Any, state: Any, target: float, pressure: float, dt: float) -> float:
@@ -10,6 +11,32 @@ def lag_pressure(p: Any, state: Any, target: float, pressure: float, dt: float) 
     if p.time_constant <= 0.0:
         return target
     return pressure + dt / (p.time_constant + dt) * (target - pressure)
+
+
+def oscillate_pressure(p: Any, state: Any, target: float, pressure: float, dt: float) -> float:
+    """Return the pressure [Pa] after the step: ``tau^2 P'' + 2 zeta tau P' + P = target`` (backward Euler)."""
+    if p.time_constant <= 0.0:
+        return target
+    steps = dt / p.time_constant
+    change = dt * state.rate + steps * steps * (target - pressure)
+    return pressure + change / (1.0 + steps * (2.0 * p.damping_ratio + steps))
+
+
+def step_pressure_rate(
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    gauge_pressure: float,
+    length: float,
+    stretch: float,
+    dt: float,
+) -> tuple[float, float]:
+    """Return the rate [Pa/s] at which the pressure changed in the step, and the pressure [Pa] after it.
+
+    A limit of the supply's rate or pressure, and air that the motion of the muscle compresses, change this rate too.
+    """
+    return (gauge_pressure - state.pressure) / dt, gauge_pressure
 
 
 def apply_gain(p: Any, state: Any, command: float) -> float:
@@ -24,7 +51,7 @@ def apply_offset(p: Any, state: Any, command: float) -> float:
 
 PRESSURE_LAG = Effect(
     name="pressure_lag",
-    description="Line and chamber fill slowly: the pressure follows the command with a lag.",
+    description="Regulator, line and chamber respond slowly: the pressure follows the command with a lag.",
     kind="device",
     acts_in_supply=True,
     forms=(
@@ -42,6 +69,30 @@ PRESSURE_LAG = Effect(
                 ),
             ),
             laws={"pressure_reached": lag_pressure},
+        ),
+        EffectForm(
+            name="second_order",
+            equation="dP/dt = R, tau^2 dR/dt = target - P - 2 zeta tau R, within the supply's rate",
+            parameters=(
+                EffectParameter(
+                    key="time_constant_s",
+                    neutral=0.0,
+                    lower=0.0,
+                    upper=1.0,
+                    typical=0.02,
+                    source="assumed: the bandwidth of electronic pressure regulators is 5 to 20 Hz",
+                ),
+                EffectParameter(
+                    key="damping_ratio",
+                    neutral=None,
+                    lower=0.2,
+                    upper=3.0,
+                    typical=0.7,
+                    source="assumed: with 0.7 a step overshoots by 5 per cent, as regulators are tuned",
+                ),
+            ),
+            laws={"pressure_reached": oscillate_pressure, "next_state": step_pressure_rate},
+            states=("rate", "pressure"),
         ),
     ),
 )

@@ -36,7 +36,14 @@ def slip_force(p: Any, state: Any, force: float, stretch: float) -> float:
 
 
 def step_slip_slider(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    gauge_pressure: float,
+    length: float,
+    stretch: float,
+    dt: float,
 ) -> tuple[float]:
     """Return the slider's position [m] after the step."""
     return (step_slider(state.slider, stretch, SLIDER_REACH, dt),)
@@ -50,7 +57,14 @@ def maxwell_force(p: Any, state: Any, force: float, stretch: float) -> float:
 
 
 def step_relaxed_stretch(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    gauge_pressure: float,
+    length: float,
+    stretch: float,
+    dt: float,
 ) -> tuple[float]:
     """Return the relaxed stretch [m] after the step: ``ds/dt = (x - s) / tau``; a slack tendon relaxes to 0."""
     return (step_follower(state.relaxed_stretch, max(0.0, stretch), p.time_constant, dt),)

@@ -15,7 +15,7 @@ FUNCTION_WORDS = {
     *("not", "of", "or", "over", "the", "times", "to", "up", "when", "while", "within"),
 }
 """Words that make a clause a sentence."""
-GREEK_LETTERS = {"beta", "eta", "gamma", "lambda", "nu", "phi", "pi", "rho", "tau"}
+GREEK_LETTERS = {"beta", "eta", "gamma", "lambda", "nu", "phi", "pi", "rho", "tau", "zeta"}
 OPERATORS = {"exp", "int", "log", "max", "min", "sum", "tanh"}
 """Names that LaTeX sets upright or as a sign; a sum has an index."""
 RELATIONS = {"=": "=", "<=": r"\leq", ">=": r"\geq", "+=": "=", "-=": "= -"}

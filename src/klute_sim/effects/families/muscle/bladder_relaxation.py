@@ -15,7 +15,14 @@ def maxwell_force(
 
 
 def step_relaxed_length(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    gauge_pressure: float,
+    length: float,
+    stretch: float,
+    dt: float,
 ) -> tuple[float]:
     """Return the relaxed length [m] after the step: ``ds/dt = (x - s) / tau``."""
     return (step_follower(state.relaxed_length, length - muscle.resting_length, p.time_constant, dt),)

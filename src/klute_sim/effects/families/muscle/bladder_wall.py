@@ -62,7 +62,14 @@ def soften_bladder(
 
 
 def step_max_energy_density(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    gauge_pressure: float,
+    length: float,
+    stretch: float,
+    dt: float,
 ) -> tuple[float]:
     """Return the greatest energy density [J/m3] so far."""
     return (max(state.max_energy_density, _energy_density(muscle, length)),)

@@ -39,7 +39,14 @@ def maxwell_slip_force(
 
 
 def step_sliders(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    gauge_pressure: float,
+    length: float,
+    stretch: float,
+    dt: float,
 ) -> tuple[float, float, float]:
     """Return the slider positions [m] after the step.
 
@@ -62,7 +69,14 @@ def hysteretic_force(
 
 
 def step_dahl_stretch(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    gauge_pressure: float,
+    length: float,
+    stretch: float,
+    dt: float,
 ) -> tuple[float, float]:
     """Return hysteretic stretch and length beyond rest [m] after the step.
 
@@ -73,7 +87,14 @@ def step_dahl_stretch(
 
 
 def step_bouc_wen_stretch(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    gauge_pressure: float,
+    length: float,
+    stretch: float,
+    dt: float,
 ) -> tuple[float, float]:
     """Return hysteretic stretch and length beyond rest [m] after the step.
 
