@@ -164,8 +164,10 @@ class GaitMeasurements:
     def _compute_ground_reaction(data: mujoco.MjData) -> tuple[float, float, float]:
         """Return the vertical and the forward ground reaction [N] and the centre of pressure [m] (NaN if unloaded).
 
-        The sole touches only the floor, and a plane is always the first geom of a contact. The normal of a contact
-        therefore points up, into the foot.
+        The centre of pressure is that of a force plate: the point of the floor, z = 0, about which the ground reaction
+        has no moment across the walking direction. Contacts lie below it, where the sole sinks in. The sole touches
+        only the floor, and a plane is always the first geom of a contact. The normal of a contact therefore points up,
+        into the foot.
         """
         contact = data.contact
         active = contact.efc_address >= 0
@@ -177,6 +179,6 @@ class GaitMeasurements:
         along, across = data.efc_force[row + 1], data.efc_force[row + 2]
         forward = normal * frame[:, 0] + along * frame[:, 3] + across * frame[:, 6]
         upward = normal * frame[:, 2] + along * frame[:, 5] + across * frame[:, 8]
-        total = float(upward.sum())
-        cop = float((normal * contact.pos[active, 0]).sum() / normal.sum()) if normal.sum() > 0.0 else float("nan")
-        return total, float(forward.sum()), cop
+        total, position = float(upward.sum()), contact.pos[active]
+        moment = float((position[:, 0] * upward - position[:, 2] * forward).sum())
+        return total, float(forward.sum()), moment / total if total > 0.0 else float("nan")
