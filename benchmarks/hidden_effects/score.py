@@ -13,6 +13,8 @@ FLAGGED_VERDICTS = {"unexplained", "insufficient-data"}
 NAMING_VERDICTS = {"identified", "identified-in-part", "indistinguishable"}
 MAX_ABSORBED_RESIDUAL = 0.6
 """Largest residual after refitting, over the noise, that leaves nothing to identify."""
+REGISTRATION_EFFECTS = {"sensor_offset@ankle_angle": "registration.ankle_zero_deg"}
+"""Fault of an instrument -> number of the registration of a walk that it is, in the same unit."""
 PHYSICAL_NAMES = {name for name, _ in EFFECTS}
 """Names of effects of devices, of which one device of a joint may have one alone."""
 JOINT_NAMES = {name for name, _ in JOINT_EFFECTS}
@@ -80,12 +82,13 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     ``right``, ``twin``, ``loose``, ``part``, ``absorbed``, ``missed``, ``flagged``, ``wrong`` or ``false-alarm``.
 
     *right*: exactly the hidden effects were identified, or an `indistinguishable` verdict lists them among at most as
-    many sets as there are near twins (*loose*: among more); for clean data, nothing is missing; for defective data and
-    for an imperfect law without an effect, no effect was identified. Effects outside of the catalogue have to be
-    *flagged*: no effect was identified, or a data-driven term is one of several sets. *twin*: a near twin was
-    identified instead. *part*: only some of several effects were identified. *absorbed*: effects were not identified
-    because the uncertain device numbers, within their uncertainty, reproduce them, or wrong numbers were not because
-    their size is that small. *wrong*: any other identified effect.
+    many sets as there are near twins (*loose*: among more), or nothing else is missing and the registration of a walk
+    has a number that is the hidden fault and whose interval contains its size; for clean data, nothing is missing; for
+    defective data and for an imperfect law without an effect, no effect was identified. Effects outside of the
+    catalogue have to be *flagged*: no effect was identified, or a data-driven term is one of several sets. *twin*: a
+    near twin was identified instead. *part*: only some of several effects were identified. *absorbed*: effects were not
+    identified because the uncertain device numbers, within their uncertainty, reproduce them, or wrong numbers were not
+    because their size is that small. *wrong*: any other identified effect.
 
     Where the truth lists what is ``present`` beside the hidden effects, these names count neither for nor against a
     verdict; without a hidden effect one of its sets has to consist of them alone, or nothing is identified.
@@ -109,6 +112,8 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
         if identified and not _lists_unknown_effect(verdict):
             return "wrong"
         return silent_outcome if kind == "nothing-missing" else "flagged"
+    if kind == "nothing-missing" and _is_corrected_by_registration(truth, verdict):
+        return "right"
     if hidden in effect_sets:
         max_sets = 1 + sum(len(near_twins(name, verdict)) for name in hidden)
         return "right" if len(effect_sets) <= max(2, max_sets) else "loose"
@@ -134,6 +139,16 @@ def _has_only_faint_numbers(truth: Truth) -> bool:
     """
     numbers = [format_effect(number) for number in truth.get("numbers", ())]
     return bool(numbers) and numbers == list_hidden_effects(truth) and truth["size"] < MAX_ABSORBED_RESIDUAL
+
+
+def _is_corrected_by_registration(truth: Truth, verdict: Verdict) -> bool:
+    """Return whether the hidden effect is an error of the registration that was corrected by its size."""
+    hidden = list_hidden_effects(truth)
+    number = REGISTRATION_EFFECTS.get(hidden[0]) if len(hidden) == 1 else None
+    if number is None or number not in verdict.get("numbers", {}):
+        return False
+    (size,) = truth["instruments"][0]["parameters"].values()
+    return bool(verdict["numbers"][number]["low"] <= size <= verdict["numbers"][number]["high"])
 
 
 def _lists_unknown_effect(verdict: Verdict) -> bool:
@@ -163,9 +178,9 @@ def _is_near_twin(true: Sequence[str], reported: Sequence[str], verdict: Verdict
 
 
 def is_first_right(truth: Truth, verdict: Verdict) -> bool:
-    """Return whether the first identified effect is hidden, or an alternative of a hidden one."""
+    """Return whether the first identified effect is hidden, or an alternative of a hidden one, or was corrected."""
     if verdict["verdict"] not in NAMING_VERDICTS:
-        return False
+        return verdict["verdict"] == "nothing-missing" and _is_corrected_by_registration(truth, verdict)
     return format_effect(verdict["effects"][0]) in list_hidden_effects(truth) or list_hidden_effects(
         truth
     ) in list_effect_sets(verdict)

@@ -34,6 +34,9 @@ PROPOSED_EXPERIMENT = {"next_experiment": {"separation_chi2": 50.0}}
 MASS = {"name": "moving_mass", "form": "rigid", "parameters": {"mass_kg": 2.0}}
 
 
+ZERO = {"name": "sensor_offset", "channel": "ankle_angle", "parameters": {"offset": 0.3}}
+
+
 def verdict(kind: str, *effects: dict, alternatives: tuple = (), left: float = 1.0, after: float = 1.0) -> dict:
     gap = {"force": {"refitted": left, "with_effects": after, "noise_floor": 1.0}}
     answer = {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives)}
@@ -82,6 +85,18 @@ def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
 )
 def test_verdict_scores(hidden: dict, found: dict, outcome: str) -> None:
     assert score_verdict(hidden, found) == outcome
+
+
+@pytest.mark.parametrize(("low", "high", "outcome"), [(0.28, 0.32, "right"), (0.31, 0.34, "absorbed")])
+def test_fault_that_the_registration_corrects_by_its_size_is_found(low: float, high: float, outcome: str) -> None:
+    """An offset of the encoder and an error of the ankle's zero are the same."""
+    hidden = truth((), (ZERO,), block="walk")
+    found = verdict("nothing-missing", left=1.01) | {
+        "numbers": {"registration.ankle_zero_deg": {"value": 0.5 * (low + high), "low": low, "high": high}}
+    }
+    assert score_verdict(hidden, found) == outcome
+    assert is_first_right(hidden, found) == (outcome == "right")
+    assert not is_first_right(truth((HYSTERESIS,)), found)
 
 
 def test_first_effect_and_kind_are_scored_separately() -> None:
