@@ -4,8 +4,9 @@
     python -m benchmarks.hidden_effects.calibrate OUT --seed 909             # reliability on another
 
 OUT holds results of :mod:`benchmarks.hidden_effects.run`. An event is a name of a verdict, which is true if it is
-hidden, or the statement that nothing is missing, which is true if nothing is hidden. Coefficients are those of a
-logistic regression with a normal prior, which few events hardly move.
+hidden, or the statement that nothing is missing, which is true if nothing as large as the noise is hidden: less than
+that makes no difference to data. Coefficients are those of a logistic regression with a normal prior, which few events
+hardly move.
 """
 
 import argparse
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from benchmarks.hidden_effects.metrics import MIN_RELEVANT_SIZE
 from benchmarks.hidden_effects.score import format_effect, list_hidden_effects, residual_over_noise
 from scipy.optimize import minimize
 from scipy.stats import binomtest
@@ -45,7 +47,7 @@ def collect_events(rows: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]) 
             continue
         hidden = [*list_hidden_effects(truth), *truth.get("present", ())]
         features = probability.list_nothing_features(verdict["verdict"])
-        events["nothing_missing"].append(Event(features, not hidden and not truth.get("law_error")))
+        events["nothing_missing"].append(Event(features, not _hides_relevant_effect(truth)))
         for effect in verdict["effects"]:
             if "evidence" in effect:
                 features = probability.list_name_features(
@@ -53,6 +55,12 @@ def collect_events(rows: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]) 
                 )
                 events["names"].append(Event(features, format_effect(effect) in hidden))
     return events
+
+
+def _hides_relevant_effect(truth: Mapping[str, Any]) -> bool:
+    """Return whether an effect as large as the noise, or an error of the law, is in the data of ``truth``."""
+    is_relevant = bool(list_hidden_effects(truth)) and truth["size"] >= MIN_RELEVANT_SIZE
+    return is_relevant or bool(truth.get("present")) or bool(truth.get("law_error"))
 
 
 def fit_logistic(events: Sequence[Event]) -> list[float]:

@@ -25,7 +25,7 @@ def test_calibration_recovers_the_probabilities_of_its_events() -> None:
 
 
 def test_names_are_events_that_are_true_if_they_are_hidden() -> None:
-    truth = {"effects": [{"name": "seal_friction"}], "instruments": [], "strangers": []}
+    truth = {"effects": [{"name": "seal_friction"}], "instruments": [], "strangers": [], "size": 2.0}
     verdict = {
         "verdict": "identified",
         "p_value": 2e-4,
@@ -39,6 +39,18 @@ def test_names_are_events_that_are_true_if_they_are_hidden() -> None:
     events = calibrate.collect_events([(truth, verdict), ({}, {"verdict": "insufficient-data"})])
     assert [event.is_true for event in events["names"]] == [True, False]
     assert [event.is_true for event in events["nothing_missing"]] == [False]
+
+
+@pytest.mark.parametrize(("size", "is_nothing_missing"), [(0.0, True), (0.7, True), (1.0, False)])
+def test_what_is_smaller_than_the_noise_does_not_count_as_missing(size: float, is_nothing_missing: bool) -> None:
+    truth = {"effects": [{"name": "seal_friction"}], "size": size}
+    verdict = {"verdict": "nothing-missing", "p_value": 0.4, "effects": []}
+    (event,) = calibrate.collect_events([(truth, verdict)])["nothing_missing"]
+    assert event.is_true == is_nothing_missing
+    (with_law_error,) = calibrate.collect_events([(truth | {"law_error": {"fraction": 0.02}}, verdict)])[
+        "nothing_missing"
+    ]
+    assert not with_law_error.is_true
 
 
 def test_one_cell_of_each_kind() -> None:

@@ -32,7 +32,7 @@ class Probabilities(NamedTuple):
     """Calibrated probabilities of a diagnosis."""
 
     nothing_missing: float
-    """Probability that no effect is missing, and that no instrument or number is wrong."""
+    """Probability that no effect as large as the noise is missing, and no instrument or number is wrong by as much."""
     names: dict[EffectTerm, float]
     """Probability of each added effect that it is missing in the device; data-driven terms have none."""
     n_datasets: int
