@@ -34,6 +34,18 @@ def test_noise_estimate_ignores_the_common_part_of_repeats() -> None:
     assert estimate_correlation_time(rng.normal(size=20_000)) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.parametrize("clock_offset", [0.0, 0.3, 0.5])
+def test_noise_does_not_depend_on_when_repeats_are_sampled(clock_offset: float) -> None:
+    """Interpolation between samples would halve the variance of white noise midway."""
+    rng = np.random.default_rng(5)
+    residuals = [{"force": rng.normal(0.0, 3.0, 20_000)} for _ in range(2)]
+    first, second = make_repeats([r["force"] for r in residuals])
+    series = second.measured["force"]
+    shifted = TimeSeries(series.time + clock_offset * series.sampling_interval, series.value)
+    experiments = [first, replace(second, measured={"force": shifted})]
+    assert noises.estimate_noise_from_repeats(experiments, residuals)["force"].std == pytest.approx(3.0, rel=0.02)
+
+
 def test_sampling_rate_does_not_change_the_effective_number_of_samples() -> None:
     """Equal noise, sampled ten times as fast in one group, carries no more information there."""
     rng = np.random.default_rng(3)

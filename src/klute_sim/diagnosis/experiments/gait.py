@@ -36,10 +36,10 @@ from klute_sim.types import Array
 TIME_STEP = 5e-4
 """Time step [s]. Extrapolated with one twice as long, it is as accurate as a tenth of it, to the resolution of an
 encoder."""
-MARGIN_BEFORE_CONTACT_CHANGE, MARGIN_AFTER_CONTACT_CHANGE = 0.06, 0.06
+MARGIN_BEFORE_CONTACT_CHANGE, MARGIN_AFTER_CONTACT_CHANGE = 0.06, 0.1
 """Times before and after a foot strike or toe-off [s] that are not compared. The response has spikes of about a
 millisecond there, which no laboratory samples (assumed; see the tests of the replay). One occurs up to 45 ms before
-toe-off, when only the tip of the sole is still loaded."""
+toe-off, when only the tip of the sole is still loaded, and one 70 ms after foot strike, when the forefoot lands."""
 END_MARGIN = 0.06
 """Time before the end of a trial [s] that is not compared, because the ankle's acceleration is unknown there."""
 STEADY_MOMENT_RATE = 30.0
