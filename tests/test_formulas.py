@@ -41,6 +41,7 @@ def test_higher_formulas_take_more_room(formulas: ModuleType) -> None:
     assert heights[0] < 0.7 < heights[2] < 3.0
 
 
+@pytest.mark.slow
 def test_every_formula_of_the_pages_can_be_set(formulas: ModuleType) -> None:
     pages = [page for page in DOCS.rglob("*.md") if "$" in page.read_text("utf-8")]
     sources = {

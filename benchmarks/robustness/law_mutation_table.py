@@ -94,10 +94,11 @@ WRONG_SIZES = {
     "effects/families/seal.py": (
         ("p.force * smooth_sign(velocity)\n\n\ndef stribeck", 2.0),
         ("p.stick_fraction * (", 2.0),
-        ("(state.speed / p.stribeck_speed) * (", 2.0),
+        ("(x - state.length) / (dt", 2.0),
+        ("p.force * (state.seal_displacement", -1.0),
         ("p.stiffness * state.seal_displacement", -1.0),
-        ("p.force * (1.0 + p.growth * pressure)", 2.0),
-        ("p.growth * pressure)", 0.5),
+        ("p.force * (1.0 + p.growth * gauge", 2.0),
+        ("p.growth * gauge_pressure)", 0.5),
     ),
     "effects/families/hose.py": (
         ("p.length, p.inner_diameter)", 2.0),
@@ -117,7 +118,12 @@ WRONG_SIZES = {
         ("p.exponent, s.leak_conductance", 0.5),
         ("p.recovery, s.dead_volume", 2.0),
     ),
-    "effects/families/supply.py": (("p.time_constant + dt)", 2.0), ("p.gain * command", 2.0)),
+    "effects/families/supply.py": (
+        ("p.time_constant + dt)", 2.0),
+        ("p.gain * command", 2.0),
+        ("2.0 * p.damping_ratio", 0.5),
+        ("dt * state.rate", 0.5),
+    ),
     f"{_MUSCLE_EFFECTS}/braid_hysteresis.py": (
         ("p.slope * pressure / p.stiffness, 0.0", 2.0),
         ("p.gamma_over_beta, dt", 0.5),

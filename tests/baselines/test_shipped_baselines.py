@@ -136,6 +136,7 @@ def test_device_of_the_tuning_uses_the_supply_of_the_preset() -> None:
     assert baseline.device.parameters.supply.max_pressure <= 5e5
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_process_runner")
 def test_command_writes_the_table_and_can_be_resumed(tmp_path: Path) -> None:
     arguments = ("--only", "spring-foot-6", "--only", "machine", *QUICK, "--out", "b")

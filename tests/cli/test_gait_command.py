@@ -207,6 +207,7 @@ def test_spring_foot_has_neither_device_nor_its_assumptions(tmp_path: Path) -> N
         ks.simulate_gait("klute-1-1-4-pair", spring_foot=6.0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 def test_ctrl_c_leaves_no_half_written_run(tmp_path: Path) -> None:
     code = (

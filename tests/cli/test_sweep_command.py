@@ -30,6 +30,7 @@ ARGUMENTS = (
 )
 
 
+@pytest.mark.slow
 def test_walks_are_swept_and_options_of_the_other_rig_are_refused(tmp_path: Path) -> None:
     arguments = (
         "--rig",
@@ -102,6 +103,7 @@ def finished_sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict
     return folder, json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_table_holds_the_metrics_of_single_runs_bit_for_bit(finished_sweep: tuple[Path, dict[str, Any]]) -> None:
     folder, output = finished_sweep
     rows = pq.read_table(folder / "s" / "sweep.parquet").to_pylist()
@@ -198,6 +200,7 @@ def test_changed_reference_file_is_another_sweep(tmp_path: Path) -> None:
     assert "output folder s holds another sweep (other references)" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_process_runner")
 def test_several_subjects_have_a_row_each_with_their_own_numbers(tmp_path: Path) -> None:
     (tmp_path / "subjects").mkdir()
@@ -230,6 +233,7 @@ def test_several_subjects_have_a_row_each_with_their_own_numbers(tmp_path: Path)
     assert "output folder s holds another sweep (other stride)" in other.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 def test_ctrl_c_keeps_finished_cases_and_names_the_folder(tmp_path: Path) -> None:
     code = (

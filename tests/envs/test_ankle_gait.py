@@ -282,7 +282,7 @@ def test_backends_are_bit_identical() -> None:
     assert np.array_equal(*observations)
 
 
-@pytest.mark.parametrize(("context", "count"), [("fork", 2), ("spawn", 1)])
+@pytest.mark.parametrize(("context", "count"), [("fork", 2), pytest.param("spawn", 1, marks=pytest.mark.slow)])
 def test_environment_runs_in_worker_processes(context: str, count: int) -> None:
     if sys.platform == "win32" and context == "fork":
         pytest.skip("needs fork")
