@@ -67,11 +67,13 @@ def make_dataset(
     instruments: Effects = (),
     registration: Effects = (),
     block: str = "walk",
+    noise: Mapping[str, float] = CHANNEL_NOISE,
 ) -> dict[str, Any]:
     """Write the dataset ``folder`` and its ground truth ``truth``; return the ground truth.
 
     Device, speeds, pressures and noise depend on ``seed`` only. Effects with a ``wanted`` size are scaled to it.
-    ``registration`` are errors of the coordinates, which are no missing effect.
+    ``registration`` are errors of the coordinates, which are no missing effect. ``noise`` of each channel is in the
+    unit of a recording.
     """
     child = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
     nominal = load_device(DEVICE_PRESET)
@@ -107,7 +109,7 @@ def make_dataset(
                 folder,
                 f"{group}_{repeat}",
                 group,
-                measure_channels(recording, CHANNEL_NOISE, [*faults, *registration], child[2]),
+                measure_channels(recording, noise, [*faults, *registration], child[2]),
             )
     (folder / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
     ground_truth = {
