@@ -25,7 +25,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     choose_stable_model,
     divide_into_folds,
 )
-from klute_sim.diagnosis.selection.predictive_selection import weight_by_law_error
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
 from klute_sim.diagnosis.selection.screening import Candidate
 from tests.diagnosis.synthetic_dataset import make_repeats
 
@@ -374,3 +374,20 @@ def test_channel_that_only_another_repeat_measured_counts() -> None:
     kept = weight_by_law_error(WeightedData(simulator, [first, longer], noise), [first, longer], residuals)
     counted = [(e.name, channel) for e in kept.experiments for channel in e.measured]
     assert counted == [("g0", "force"), ("g0", "muscle_length"), ("g1", "pressure")]
+
+
+def test_parameter_that_the_data_do_not_determine_stays_when_a_condition_is_left_out() -> None:
+    """A linear step without a limit would move it to its bound, where the linear model does not hold."""
+    rng, n = np.random.default_rng(2), 200
+    rows = [rng.normal(0.0, 1.0, n) for _ in range(4)]
+    experiments = [replace(e, group=f"condition {k}") for k, e in enumerate(make_repeats(rows))]
+    data = WeightedData(Simulator(1), experiments, {"force": Noise(1.0, (Autocorrelation(5e-3, 1.0, n),))})
+    selection = PredictiveSelection(data, {}, [])
+    presliding = EffectTerm("seal_friction", "presliding")
+    fit = make_fit((presliding,), [1.0, 0.3])
+    jacobian = np.column_stack([rng.normal(0.0, 3.0, 4 * n), 1e-3 * rng.normal(0.0, 1.0, 4 * n)])
+    fit = replace(fit, weighted_residuals=np.concatenate(rows) + 0.5 * jacobian[:, 0], jacobian=jacobian)
+    for fold in selection.folds:
+        determined, free = selection._leave_out(fit, fold) - fit.x
+        assert determined == pytest.approx(-0.5, abs=0.05)
+        assert abs(free) < 0.1  # its own standard error is 40

@@ -62,6 +62,10 @@ MAX_RIVAL_RATIO = 1.1
 """Error of prediction of other names over that of the chosen ones, up to which they are rivals although the difference
 exceeds its standard error (assumed: an imperfect law differs by as much between any two forms)."""
 
+FOLD_STEP_DEVIATION = 2.0
+"""Standard deviation of the step of a normalized parameter when a fold is left out (assumed; with it, the errors of
+measured seals agree within 1 % with those of refits, without it they are up to four times as large)."""
+
 
 @dataclass(eq=False)
 class PredictiveSelection:
@@ -218,15 +222,20 @@ class PredictiveSelection:
         return np.concatenate([*rows, np.ones(hypothesis.n_prior_parameters, dtype=np.bool_)])
 
     def _leave_out(self, fit: Fit, fold: Sequence[FoldPart]) -> Array:
-        """Return the normalized parameters of ``fit`` without ``fold``, by one linear step in bounds."""
+        """Return the normalized parameters of ``fit`` without ``fold``, by one linear step in bounds.
+
+        Without a penalty of its length, the step would move a parameter that the data do not determine to a bound,
+        where the linear model does not hold and the prediction has nothing to do with that of a refit.
+        """
         if not len(fit.x):
             return fit.x
         retained = self.find_retained_rows(fold, fit.hypothesis)
         lower, upper = fit.hypothesis.bounds()
         margin = 1e-9
+        penalty = np.eye(len(fit.x)) / FOLD_STEP_DEVIATION
         step = lsq_linear(
-            fit.jacobian[retained],
-            -fit.weighted_residuals[retained],
+            np.vstack([fit.jacobian[retained], penalty]),
+            np.concatenate([-fit.weighted_residuals[retained], np.zeros(len(fit.x))]),
             (np.minimum(lower - fit.x, 0.0) - margin, np.maximum(upper - fit.x, 0.0) + margin),
         )
         return np.asarray(np.clip(fit.x + step.x, lower, upper))
