@@ -16,6 +16,7 @@ from klute_sim.diagnosis.discrepancy.data_driven_rival import (
     locate_term,
 )
 from klute_sim.diagnosis.discrepancy.sparse_regression import _eliminate_functions
+from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
@@ -65,6 +66,11 @@ def test_true_name_is_not_beaten_and_an_imitation_is(tmp_path: Path, monkeypatch
         assert contains_names(data_driven_model.fit, named, [FRICTION])
         assert not contains_names(data_driven_model.fit, imitation, imitation.hypothesis.terms)
         assert find_data_driven_rival(search, base, imitation, ("unknown_force",)) is None
+        # Where the simulation has an error of its own, the term must be better by more than that.
+        with monkeypatch.context() as patch:
+            patch.setattr(BenchExperiment, "simulation_error", 10.0)
+            assert search.data_driven_threshold == pytest.approx(search.bic_threshold + 100.0 * search.data.n_effective)
+            assert find_data_driven_rival(search, base, imitation) is None
         # A term must not lose in any validation group, even where it gains in the mean.
         monkeypatch.setattr(search, "compute_validation_gains", lambda before, after: {"a": 0.5, "b": -0.1})
         assert find_data_driven_rival(search, base, imitation) is None

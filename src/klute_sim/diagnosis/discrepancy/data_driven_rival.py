@@ -26,8 +26,8 @@ from klute_sim.diagnosis.selection.robustness import MAX_GAIN_LAG_FRACTION, Equi
 from klute_sim.diagnosis.selection.screening import acts_on_pressure
 
 DECISIVE_MARGIN = 3.0
-"""Margin of a data-driven term over names, in thresholds of BIC, from which no search for other names is worth its time
-(assumed)."""
+"""Margin of a data-driven term over names, in its thresholds of BIC, from which no search for other names is worth its
+time (assumed)."""
 MIN_PAIR_GAIN_FRACTION = 0.5
 """Predicted gain of a pair of effects over the gain of a data-driven term, from which on the pair is refitted (assumed:
 linearisation underestimates the gain of frictions by almost as much)."""
@@ -71,9 +71,9 @@ def find_data_driven_rival(
 ) -> EquivalentModel | None:
     """Return ``base_fit`` with a data-driven term in place of the names of ``named_fit``, if it is as good.
 
-    Its repeats show no misfit, its BIC is lower by more than the threshold (not higher by more than the threshold where
-    the names are of several kinds), and it predicts every validation group as well. A term that contains the names
-    does not refuse them. ``exclude`` names effects that are not candidates.
+    Its repeats show no misfit, its BIC is lower by more than the ``data_driven_threshold`` of ``search`` (not higher by
+    more than the usual threshold where the names are of several kinds), and it predicts every validation group as well.
+    A term that contains the names does not refuse them. ``exclude`` names effects that are not candidates.
     """
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if not names:
@@ -83,7 +83,7 @@ def find_data_driven_rival(
         return None
     term_fit = adequate.fit
     bic_difference = compute_bic_difference(search, term_fit, named_fit)
-    if bic_difference > (search.bic_threshold if len(list_kinds(names)) > 1 else -search.bic_threshold):
+    if bic_difference > (search.bic_threshold if len(list_kinds(names)) > 1 else -search.data_driven_threshold):
         return None
     if contains_names(term_fit, named_fit, names) or not predicts_as_well(search, term_fit, named_fit):
         return None
@@ -154,7 +154,7 @@ def find_decisive_term(
     if adequate is None:
         return None
     term_fit = adequate.fit
-    max_difference = -DECISIVE_MARGIN * search.bic_threshold
+    max_difference = -DECISIVE_MARGIN * search.data_driven_threshold
     if compute_bic_difference(search, term_fit, named_fit) > max_difference:
         return None
     if not predicts_as_well(search, term_fit, named_fit):

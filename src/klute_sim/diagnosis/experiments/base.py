@@ -240,6 +240,11 @@ class Experiment(ABC):
         return ()
 
     @property
+    def simulation_error(self) -> float:
+        """Error of the simulation of the true device that all repeats share, rms over the noise (0: negligible)."""
+        return 0.0
+
+    @property
     def registration_deviations(self) -> Mapping[str, float]:
         """Name -> standard deviation of each number of the set-up that every fit estimates; empty without any."""
         return {}

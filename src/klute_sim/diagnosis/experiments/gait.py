@@ -46,6 +46,9 @@ STEADY_MOMENT_RATE = 30.0
 """Rate of the ground reaction moment [N.m/s] below which it counts as steady."""
 COP_PERTURBATION = 1e-3
 """Shift of the centre of pressure [m] that measures the sensitivity to its noise."""
+SIMULATION_ERROR = 0.1
+"""Error of the replay of a walk whose inputs have no noise, over the noise of usual instruments (measured on simulated
+walks: 0.05 to 0.2 for most effects; docs/benchmark.md)."""
 MIN_SWING_TIME = 0.1
 """Shortest time without load before a foot strike [s]; a foot may bounce at foot strike and toe-off (assumed; swing
 takes about 0.4 s)."""
@@ -94,6 +97,11 @@ class GaitExperiment(Experiment):
     def preparation_variants(self) -> tuple[Experiment, ...]:
         """The trial with inputs from a smoother motion."""
         return (replace(self, inputs=self.smoothed_inputs),)
+
+    @property
+    def simulation_error(self) -> float:
+        """Time steps, the filter of the motion, and the rigid heel of the replay."""
+        return SIMULATION_ERROR
 
     @property
     def registration_deviations(self) -> Mapping[str, float]:

@@ -107,6 +107,15 @@ class ForwardSelection:
         """Difference of BIC that decides between two models."""
         return BIC_THRESHOLD if self.has_repeats else NO_REPEATS_BIC_FACTOR * BIC_THRESHOLD
 
+    @property
+    def data_driven_threshold(self) -> float:
+        """Fall of BIC by which a data-driven term refuses names that explain the data to the noise.
+
+        Its many functions also fit the error of the simulation, whose chi squared is included.
+        """
+        simulation_error = max((e.simulation_error for e in self.data.experiments), default=0.0)
+        return self.bic_threshold + simulation_error * simulation_error * self.data.n_effective
+
     def run(self, base_fit: Fit) -> Fit:
         """Return the fit with the accepted effects, starting from ``base_fit`` without them."""
         current = base_fit
