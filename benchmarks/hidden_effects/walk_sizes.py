@@ -1,4 +1,4 @@
-"""Size of an effect in gait: its residual after refitting the uncertain device numbers, over the noise.
+"""Size of an effect in gait: its residual after refitting the uncertain numbers of device and registration, over noise.
 
 As on the bench (:mod:`sizes`), but by the replay of the package: gait measurements depend on the motion, which is not
 part of the effect. The replay determines only the size of the hidden effect, never the data.
@@ -31,8 +31,10 @@ class GaitEffectSizer:
         self._experiments, self._simulator = prepare_experiments(dataset, split_dataset(dataset)), Simulator(1)
         self._noise = {channel: noise[channel] * CHANNEL_UNITS[channel][1] for channel in self._experiments[0].measured}
         uncertain, deviations = tuple(dataset.uncertainties.items()), tuple(self._noise.items())
-        self._hypothesis = Hypothesis(dataset.device, uncertain, deviations)
-        self._base = np.array([u.normalize(base[u.name]) for u in self._hypothesis.parameters])
+        registration = tuple(self._experiments[0].registration_deviations.items())
+        self._hypothesis = Hypothesis(dataset.device, uncertain, deviations, registration=registration)
+        true_values = {**base, **{name: 0.0 for name, _ in registration}}
+        self._base = np.array([u.normalize(true_values[u.name]) for u in self._hypothesis.parameters])
         self._reference = self._simulate_channels(self._hypothesis, self._base)
         perturbed = [
             self._simulate_channels(self._hypothesis, self._base + DIFFERENCE_SIGMAS * unit)
