@@ -348,7 +348,7 @@ def test_friction_of_the_joint_is_named_and_the_model_has_it(tmp_path: Path) -> 
     truth = ModelEffect("joint_friction", "presliding", (("moment_n_m", 0.15), ("presliding_deg", 2.0)), "joint")
     folder = joint.write_dataset(tmp_path / "data", effects=[truth], true_numbers=TRUE_NUMBERS, uncertain=UNCERTAIN)
     result = diagnose(
-        folder, only=["joint_friction", "gravity_tilt", "pulley_error", "sensor_backlash", "seal_friction"]
+        folder, only=["joint_friction", "gravity_tilt", "pulley_error", "sensor_backlash", "braid_hysteresis"]
     )
     assert result.verdict == "identified"
     (effect,) = result.effects

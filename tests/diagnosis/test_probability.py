@@ -35,7 +35,7 @@ def test_the_calibration_separates_verdicts() -> None:
     )
     assert identified > 0.9 > proxy
     claimed, denied = (
-        compute_logistic(calibration["nothing_missing"], list_nothing_features(verdict))
+        compute_logistic(calibration["nothing_missing"], list_nothing_features(verdict, 2.0))
         for verdict in ("nothing-missing", "identified")
     )
     assert claimed > 0.5 > 0.1 > denied

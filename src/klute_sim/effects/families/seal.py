@@ -162,10 +162,11 @@ SEAL_FRICTION = Effect(
                 EffectParameter(
                     key="presliding_mm",
                     neutral=None,
-                    lower=0.01,
+                    lower=0.05,
                     upper=5.0,
                     typical=0.3,
-                    source="pneumatic cylinder seals measured: they deform within a millimetre (docs/real-data.md)",
+                    source="pneumatic cylinder seals measured: they deform within a millimetre (docs/real-data.md); "
+                    "below 0.05 mm it is Coulomb friction (assumed)",
                 ),
             ),
             laws={"damper_force": presliding_friction, "next_state": step_presliding},
