@@ -180,15 +180,15 @@ def make_seal_rows() -> list[EffectSize]:
             )
         )
     for force, presliding in ((15.0, 0.3), (30.0, 0.3), (15.0, 1.0)):
-        deforming = {"force_n": force, "presliding_mm": presliding}
+        parameters = {"force_n": force, "presliding_mm": presliding}
         rows.append(
             EffectSize(
                 effect="seal_friction",
                 form="presliding",
-                parameters=deforming,
+                parameters=parameters,
                 quantity="loop area, 16 mm, 1 mm/s [J]",
                 stated=2.0 * force * (stroke - 2e-3 * presliding),
-                measure=partial(measure_muscle_loop, "seal_friction", "presliding", deforming),
+                measure=partial(measure_muscle_loop, "seal_friction", "presliding", parameters),
             )
         )
     for force, growth, pressure_bar in ((8.0, 0.3, 1.0), (8.0, 0.3, 5.0), (16.0, 0.3, 5.0), (8.0, 0.6, 5.0)):

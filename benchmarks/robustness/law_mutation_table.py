@@ -94,11 +94,11 @@ WRONG_SIZES = {
     "effects/families/seal.py": (
         ("p.force * smooth_sign(velocity)\n\n\ndef stribeck", 2.0),
         ("p.stick_fraction * (", 2.0),
-        ("(x - state.length) / (dt", 2.0),
+        ("state.speed / p.stribeck", 2.0),
         ("p.force * (state.seal_displacement", -1.0),
         ("p.stiffness * state.seal_displacement", -1.0),
-        ("p.force * (1.0 + p.growth * gauge", 2.0),
-        ("p.growth * gauge_pressure)", 0.5),
+        ("p.force * (1.0 + p.growth * pressure)", 2.0),
+        ("p.growth * pressure)", 0.5),
     ),
     "effects/families/hose.py": (
         ("p.length, p.inner_diameter)", 2.0),
@@ -221,8 +221,8 @@ WRONG_LAWS = (
     (
         "flow at the start of the step",
         "device/dynamics.py",
-        "_predict_motion(parameters, state, unit_length, dt), command",
-        "state, command",
+        "air = step_pressure(parameters, before, command",
+        "air = step_pressure(parameters, state, command",
     ),
 )
 """Other mutations: description, file, text and the text in its place."""

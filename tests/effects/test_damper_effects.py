@@ -36,7 +36,7 @@ def move_muscle(device: DeviceParameters, x: Array, dt: float) -> Array:
     force = []
     for before, after in zip([x[0], *x[:-1]], x, strict=True):
         length, velocity = rest + after, (after - before) / dt
-        state = dynamics.step_internal_state(device, state, 0.0, length, length + 0.1, dt)
+        state = dynamics.step_internal_state(device, state, 0.0, 0.0, length, length + 0.1, dt)
         force.append(dynamics.compute_muscle_force(device, state, 0.0, length, velocity))
         force[-1] -= dynamics.compute_muscle_force(without, state, 0.0, length, velocity)
     return np.array(force)

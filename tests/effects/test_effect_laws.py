@@ -67,6 +67,37 @@ def test_second_order_lag_is_the_closed_form_step_response(damping_ratio: float)
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("effect", "form", "parameters"),
+    [
+        ("volume_coupling", "polytropic", {"recovery_s": 0.05, "exponent": 1.2}),
+        ("choked_valve", "symmetric", {"resistance_s_bar_per_dm3": 4.0, "critical_ratio": 0.5}),
+    ],
+)
+def test_second_order_lag_does_not_follow_the_compression_by_the_muscle(
+    effect: str, form: str, parameters: dict[str, float]
+) -> None:
+    """The pressure of a moving muscle under a constant command converges with the time step."""
+    lag = {("pressure_lag", "second_order"): {"time_constant_s": 0.02, "damping_ratio": 0.7}}
+    changes = []
+    for dt in (8e-4, 4e-4, 2e-4):
+        time = dt * np.arange(1, round(1.0 / dt) + 1)
+        length = 0.338 + 4e-3 * np.sin(2.0 * np.pi * 3.0 * time)
+        pressures = [
+            simulate_rollouts(
+                PAIR.parameters._replace(effects=catalogue.pack_effects({(effect, form): parameters} | added)),
+                length,
+                np.full(len(time), 3e5),
+                dt,
+            ).pressure
+            for added in ({}, lag)
+        ]
+        changes.append(np.abs(pressures[1] - pressures[0])[len(time) // 2 :].max())
+    # A regulator of a steady command has nothing to follow; behind a valve its aim is the pressure that it measures.
+    assert max(changes) < (1.0 if effect == "volume_coupling" else 0.3e5)
+    assert changes[2] <= 1.2 * changes[1] + 1.0
+
+
 def test_second_order_lag_follows_the_command_where_its_time_constant_is_zero() -> None:
     slot = catalogue.find_slot("pressure_lag", "second_order")
     trace = run(activate(slot, {"time_constant_s": 0.0, "damping_ratio": 0.7}))

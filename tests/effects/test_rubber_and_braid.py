@@ -193,7 +193,7 @@ def test_stribeck_friction_follows_the_speed_with_the_time_constant_of_the_film(
     p, dt = form.parameter_type(15.0, 0.6, 0.015), 1e-5
     n = round(seal.FILM_TIME_CONSTANT / dt)
     states = step_states(form, p, muscle, 0.1 * dt * np.arange(1, n + 1), dt)  # at once at 0.1 m/s
-    assert states[-1].peak_loss == pytest.approx(1.0 - math.exp(-1.0), rel=2e-3)
+    assert states[-1].film == pytest.approx(1.0 - math.exp(-1.0), rel=2e-3)
 
 
 def test_seal_deforms_before_it_slides() -> None:

@@ -5,7 +5,7 @@ import math
 import klute_sim as ks
 
 
-def step_warmth(p, state, muscle, pressure, gauge_pressure, length, stretch, dt):
+def step_warmth(p, state, muscle, pressure, pressure_change, length, stretch, dt):
     decay = math.exp(-dt / p.time_constant)
     return (decay * state.warmth + (1.0 - decay) * pressure / 1e5,)
 

@@ -65,7 +65,7 @@ def test_suction_changes_no_effect_of_the_muscle(slot: EffectSlot) -> None:
             state, length = ZERO_INTERNAL_STATE, 0.9 * MUSCLE.resting_length
             for _ in range(20):
                 length += velocity * 1e-3
-                state = step_internal_state(parameters, state, pressure, length, length, 1e-3)
+                state = step_internal_state(parameters, state, pressure, 0.0, length, length, 1e-3)
             forces.append(compute_muscle_force(parameters, state, pressure, length, velocity))
         assert forces[0] == forces[1]
 

@@ -181,13 +181,15 @@ def step_internal_state(
     parameters: DeviceParameters,
     internal_state: tuple[float, ...],
     pressure: float,
+    pressure_change: float,
     length: float,
     unit_length: float,
     dt: float,
 ) -> tuple[float, ...]:
     """Return the internal state after a time step ``dt`` [s] that ended at this pressure [Pa] and these lengths [m].
 
-    The internal state of the supply does not change.
+    ``pressure_change`` [Pa] is that which the supply causes in the step; no force depends on it. The internal state of
+    the supply does not change.
     """
     effects = parameters.effects
     if effects[0] == 0.0:
@@ -198,7 +200,7 @@ def step_internal_state(
         effects, internal_state, unit_length - length - parameters.tendon.slack_length
     )
     effect_states: tuple[float, ...] = effect_chain.next_state(
-        effects, internal_state, parameters.muscle, acting_pressure, pressure, length, stretch, dt
+        effects, internal_state, parameters.muscle, acting_pressure, pressure_change, length, stretch, dt
     )
     damper = apply_damper_effects(parameters, internal_state)
     if not damper_chamber.has_elastic_chambers(damper):
@@ -221,7 +223,7 @@ def _compute_force_residual(
 ) -> float:
     """Return muscle force minus tendon force [N] if the muscle moves from ``state`` to ``length`` [m] in ``dt`` [s]."""
     pressure = compute_pressure(parameters, air, length)
-    internal_state = step_internal_state(parameters, state.internal_state, pressure, length, unit_length, dt)
+    internal_state = step_internal_state(parameters, state.internal_state, pressure, 0.0, length, unit_length, dt)
     pull = compute_tendon_force(parameters, internal_state, length, unit_length)
     return compute_muscle_force(parameters, internal_state, pressure, length, (length - state.length) / dt) - pull
 
@@ -367,10 +369,14 @@ def advance_state(
 
     The command is a gauge pressure [Pa], or a valve opening [1] where ``supply.command_is_opening`` is 1.
     """
-    air = step_pressure(parameters, _predict_motion(parameters, state, unit_length, dt), command, dt)
+    before = _predict_motion(parameters, state, unit_length, dt)
+    air = step_pressure(parameters, before, command, dt)
+    pressure_change = air.pressure - (before.pressure - get_gas_state(state).pressure_disturbance)
     length = solve_length(parameters, air, state, unit_length, dt)
     pressure = compute_pressure(parameters, air, length)
-    internal_state = step_internal_state(parameters, state.internal_state, pressure, length, unit_length, dt)
+    internal_state = step_internal_state(
+        parameters, state.internal_state, pressure, pressure_change, length, unit_length, dt
+    )
     supply, muscle = apply_supply_effects(parameters, internal_state), parameters.muscle
     if not pneumatic_step.is_ideal(supply):
         volume, resting_volume = mckibben.gas_volume(muscle, length), mckibben.gas_volume(muscle, muscle.resting_length)

@@ -36,7 +36,7 @@ def _compute_steady_internal_state(
 ) -> tuple[float, ...]:
     """Return the internal state after a long time at this pressure [Pa] and these lengths [m]."""
     internal_state = step_internal_state(
-        parameters, ZERO_INTERNAL_STATE, pressure, length, unit_length, EQUILIBRIUM_TIME_STEP
+        parameters, ZERO_INTERNAL_STATE, pressure, 0.0, length, unit_length, EQUILIBRIUM_TIME_STEP
     )
     supply, muscle = apply_supply_effects(parameters, internal_state), parameters.muscle
     if pneumatic_step.is_ideal(supply):

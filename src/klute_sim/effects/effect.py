@@ -18,7 +18,7 @@ supply              p, state, supply                                            
 pressure_target     p, state, command                                            target of the regulator [Pa]
 pressure_reached    p, state, target, pressure, dt                               pressure after the step, before the
                                                                                  supply limits its rate [Pa]
-next_state          p, state, muscle, pressure, gauge_pressure, length,          internal state after the step
+next_state          p, state, muscle, pressure, pressure_change, length,         internal state after the step
                     stretch, dt
 reading             p, time, value (arrays)                                      reading of the instrument
 foot                p, foot                                                      parameters of the foot
@@ -30,8 +30,8 @@ gravity             p, gravity (three numbers)                                  
 ``p`` holds the form's parameters in SI units, named as in their keys without the unit: ``stiffness_n_per_mm`` is
 ``p.stiffness`` [N/m]. ``state`` holds the form's internal states by name. ``muscle`` is a
 :class:`~klute_sim.laws.mckibben.MuscleParameters`, ``length`` [m] and ``velocity`` = d(length)/dt [m/s] are those of
-the muscle, ``pressure`` [Pa] is the acting one, ``gauge_pressure`` [Pa] that of the air, and ``dt`` [s] is the time
-step.
+the muscle, ``pressure`` [Pa] is the acting one, ``pressure_change`` [Pa] is that which the supply causes in the step
+(the motion of the muscle adds to it; no force may depend on it), and ``dt`` [s] is the time step.
 
 A law at ``next_state`` returns a tuple, one number for each internal state. The other laws of the form receive the
 state *after* the step. ``next_state`` must hold for a step of any length, because a device in equilibrium has rested

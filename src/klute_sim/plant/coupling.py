@@ -58,9 +58,8 @@ def compute_state_after_step(
     The gas state keeps its value, because no force depends on it.
     """
     pressure, length = previous.pressure + dt * pressure_rate * BAR, previous.length + dt * length_rate
-    return DeviceState(
-        pressure, length, step_internal_state(parameters, previous.internal_state, pressure, length, unit_length, dt)
-    )
+    internal_state = step_internal_state(parameters, previous.internal_state, pressure, 0.0, length, unit_length, dt)
+    return DeviceState(pressure, length, internal_state)
 
 
 def compute_rates(

@@ -11,8 +11,7 @@ FILM_TIME_CONSTANT = 5e-3
 """Time constant with which a lubricating film follows the speed [s].
 
 Assumed: friction of lubricated line contacts follows a change of speed after 3 to 9 ms (Hess & Soom, J. Tribology
-112:147, 1990). Without it, two speeds could balance the same force, and sticking and slipping would depend on the time
-step.
+112:147, 1990). Without it, sticking and slipping would depend on the time step.
 """
 
 
@@ -22,8 +21,8 @@ def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
 
 
 def stribeck_friction(p: Any, state: Any, force: float, velocity: float) -> float:
-    """Return the damper tension [N] plus ``F (1 + stick (1 - z)) sign(v)``, with z the reduction of the peak [1]."""
-    return force + p.force * (1.0 + p.stick_fraction * (1.0 - state.peak_loss)) * smooth_sign(velocity)
+    """Return the damper tension [N] plus ``F (1 + stick (1 - z)) sign(v)``, with z the state of the film [1]."""
+    return force + p.force * (1.0 + p.stick_fraction * (1.0 - state.film)) * smooth_sign(velocity)
 
 
 def step_stribeck(
@@ -31,19 +30,22 @@ def step_stribeck(
     state: Any,
     muscle: MuscleParameters,
     pressure: float,
-    gauge_pressure: float,
+    pressure_change: float,
     length: float,
     stretch: float,
     dt: float,
-) -> tuple[float, float]:
-    """Return the reduction of the friction peak [1] and the length beyond rest [m] after the step.
+) -> tuple[float, float, float]:
+    """Return the state of the film z [1], the speed [m/s] and the length beyond rest [m] after the step.
 
-    ``dz/dt = (1 - exp(-(v/vs)^2) - z) / tau``: at constant speed the curve of Stribeck (Armstrong-Helouvry,
-    Dupont & Canudas de Wit, Automatica 30:1083, 1994), with tau = :data:`FILM_TIME_CONSTANT`.
+    z is 0 at rest and 1 for a film that carries the seal: ``dz/dt = (1 - exp(-(v/vs)^2) - z) / tau``, with tau =
+    :data:`FILM_TIME_CONSTANT`. At constant speed this is the curve of Stribeck (Armstrong-Helouvry, Dupont & Canudas de
+    Wit, Automatica 30:1083, 1994). The film follows the speed of the preceding step: with that of the same step, the
+    force balance could have two solutions.
     """
     x = length - muscle.resting_length
-    ratio = (x - state.length) / (dt * p.stribeck_speed)
-    return step_follower(state.peak_loss, 1.0 - math.exp(-ratio * ratio), FILM_TIME_CONSTANT, dt), x
+    ratio = state.speed / p.stribeck_speed
+    film = step_follower(state.film, 1.0 - math.exp(-ratio * ratio), FILM_TIME_CONSTANT, dt)
+    return film, abs(x - state.length) / dt, x
 
 
 def presliding_friction(p: Any, state: Any, force: float, velocity: float) -> float:
@@ -56,7 +58,7 @@ def step_presliding(
     state: Any,
     muscle: MuscleParameters,
     pressure: float,
-    gauge_pressure: float,
+    pressure_change: float,
     length: float,
     stretch: float,
     dt: float,
@@ -80,7 +82,7 @@ def step_seal_displacement(
     state: Any,
     muscle: MuscleParameters,
     pressure: float,
-    gauge_pressure: float,
+    pressure_change: float,
     length: float,
     stretch: float,
     dt: float,
@@ -91,7 +93,7 @@ def step_seal_displacement(
     ``F (1 + g P)``, the seal deforms with the stiffness k. P is the gauge pressure.
     """
     x = length - muscle.resting_length
-    max_displacement = p.force * (1.0 + p.growth * gauge_pressure) / p.stiffness
+    max_displacement = p.force * (1.0 + p.growth * pressure) / p.stiffness
     return step_bouc_wen(state.seal_displacement, x - state.length, max_displacement, 0.0, dt), x
 
 
@@ -145,7 +147,7 @@ SEAL_FRICTION = Effect(
                 ),
             ),
             laws={"damper_force": stribeck_friction, "next_state": step_stribeck},
-            states=("peak_loss", "length"),
+            states=("film", "speed", "length"),
         ),
         EffectForm(
             name="presliding",

@@ -13,7 +13,7 @@ def lag_pressure(p: Any, state: Any, target: float, pressure: float, dt: float) 
     return pressure + dt / (p.time_constant + dt) * (target - pressure)
 
 
-def oscillate_pressure(p: Any, state: Any, target: float, pressure: float, dt: float) -> float:
+def lag_pressure_second_order(p: Any, state: Any, target: float, pressure: float, dt: float) -> float:
     """Return the pressure [Pa] after the step: ``tau^2 P'' + 2 zeta tau P' + P = target`` (backward Euler)."""
     if p.time_constant <= 0.0:
         return target
@@ -27,16 +27,13 @@ def step_pressure_rate(
     state: Any,
     muscle: MuscleParameters,
     pressure: float,
-    gauge_pressure: float,
+    pressure_change: float,
     length: float,
     stretch: float,
     dt: float,
-) -> tuple[float, float]:
-    """Return the rate [Pa/s] at which the pressure changed in the step, and the pressure [Pa] after it.
-
-    A limit of the supply's rate or pressure, and air that the motion of the muscle compresses, change this rate too.
-    """
-    return (gauge_pressure - state.pressure) / dt, gauge_pressure
+) -> tuple[float]:
+    """Return the rate [Pa/s] at which the supply changed the pressure in the step; its limits reduce it."""
+    return (pressure_change / dt,)
 
 
 def apply_gain(p: Any, state: Any, command: float) -> float:
@@ -91,8 +88,8 @@ PRESSURE_LAG = Effect(
                     source="assumed: with 0.7 a step overshoots by 5 per cent, as regulators are tuned",
                 ),
             ),
-            laws={"pressure_reached": oscillate_pressure, "next_state": step_pressure_rate},
-            states=("rate", "pressure"),
+            laws={"pressure_reached": lag_pressure_second_order, "next_state": step_pressure_rate},
+            states=("rate",),
         ),
     ),
 )

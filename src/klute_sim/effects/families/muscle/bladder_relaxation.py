@@ -19,7 +19,7 @@ def step_relaxed_length(
     state: Any,
     muscle: MuscleParameters,
     pressure: float,
-    gauge_pressure: float,
+    pressure_change: float,
     length: float,
     stretch: float,
     dt: float,

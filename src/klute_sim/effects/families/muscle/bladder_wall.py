@@ -66,7 +66,7 @@ def step_max_energy_density(
     state: Any,
     muscle: MuscleParameters,
     pressure: float,
-    gauge_pressure: float,
+    pressure_change: float,
     length: float,
     stretch: float,
     dt: float,
