@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.diagnosis.discrepancy.data_driven_rival import (
-    DECISIVE_MARGIN,
     compute_bic_difference,
     find_data_driven_rival,
     find_decisive_term,
@@ -70,7 +69,7 @@ def select_adequate_model(
     data = search.data
     progress(0.6, "comparing the effects with a data-driven term")
     data_driven_model = find_data_driven_rival(search, base_fit, final_fit, options.exclude)
-    if data_driven_model is not None and data_driven_model.difference < -DECISIVE_MARGIN * search.data_driven_threshold:
+    if data_driven_model is not None and data_driven_model.difference < -search.decisive_threshold:
         return _refuse_names(search, base_fit, final_fit, data_driven_model, options)
     progress(0.65, "restarting the fit from another point")
     final_fit, has_converged = refine_and_simplify(search, final_fit, np.random.default_rng(options.seed))

@@ -25,9 +25,6 @@ from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
 from klute_sim.diagnosis.selection.robustness import MAX_GAIN_LAG_FRACTION, EquivalentModel
 from klute_sim.diagnosis.selection.screening import acts_on_pressure
 
-DECISIVE_MARGIN = 3.0
-"""Margin of a data-driven term over names, in its thresholds of BIC, from which no search for other names is worth its
-time (assumed)."""
 MIN_PAIR_GAIN_FRACTION = 0.5
 """Predicted gain of a pair of effects over the gain of a data-driven term, from which on the pair is refitted (assumed:
 linearisation underestimates the gain of frictions by almost as much)."""
@@ -140,8 +137,8 @@ def find_decisive_term(
 ) -> DecisiveTerm | None:
     """Return a data-driven term in one equation that explains the data to the noise, where no names do.
 
-    ``named_fit`` is the best fit of the selection and leaves a misfit. The term must be better by
-    :data:`DECISIVE_MARGIN` thresholds of BIC and predict every validation group as well, and no pair of effects may
+    ``named_fit`` is the best fit of the selection and leaves a misfit. The term must be better by the
+    ``decisive_threshold`` of ``search`` and predict every validation group as well, and no pair of effects may
     reach the noise: effects are added one at a time, and a pair of which neither explains much alone is passed by.
 
     One cause suffices then, at the place of the term (supply, device, joint). Names there may be a part of it: an
@@ -154,8 +151,7 @@ def find_decisive_term(
     if adequate is None:
         return None
     term_fit = adequate.fit
-    max_difference = -DECISIVE_MARGIN * search.data_driven_threshold
-    if compute_bic_difference(search, term_fit, named_fit) > max_difference:
+    if compute_bic_difference(search, term_fit, named_fit) > -search.decisive_threshold:
         return None
     if not predicts_as_well(search, term_fit, named_fit):
         return None

@@ -241,7 +241,7 @@ class Experiment(ABC):
 
     @property
     def simulation_error(self) -> float:
-        """Error of the simulation of the true device that all repeats share, rms over the noise (0: negligible)."""
+        """RMS error of the simulation that all repeats share, over the noise [1]; 0 where negligible."""
         return 0.0
 
     @property

@@ -100,7 +100,7 @@ class GaitExperiment(Experiment):
 
     @property
     def simulation_error(self) -> float:
-        """Time steps, the filter of the motion, and the rigid heel of the replay."""
+        """RMS error of the replay over the noise [1]: time steps, low-pass filter of the motion, rigid heel."""
         return SIMULATION_ERROR
 
     @property

@@ -19,7 +19,7 @@ from klute_sim.diagnosis.noise.autocorrelation import (
     estimate_persistence_time,
     pool_by_rate,
 )
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 
 MAX_DEVIATION_RATIO = 6.0
 """Ratio of a group's deviations to the median of the other groups above which one of its repeats is wrong."""
@@ -120,6 +120,7 @@ def align_repeats(
         ]
         first = times[0]
         common = first[(first >= max(t[0] for t in times)) & (first <= min(t[-1] for t in times))]
+        common = common[np.all([_has_sample_near(t, common) for t in times], axis=0)]
         if len(common) > MIN_COMMON_SAMPLES:
             rows = []
             for k, t in zip(repeats, times, strict=True):
@@ -132,9 +133,18 @@ def align_repeats(
             yield _drop_agreeing_samples(aligned) if is_censored else aligned
 
 
-def _find_nearest(time: Array, wanted: Array) -> NDArray[np.intp]:
-    """Return the indices of the entries of ``time`` (n,), which increases, that are nearest to ``wanted`` (m,)."""
-    return np.searchsorted(0.5 * (time[1:] + time[:-1]), wanted)
+def _find_nearest(time: Array, target_times: Array) -> NDArray[np.intp]:
+    """Return the indices of the entries of ``time`` (n,), which increases, nearest to ``target_times`` (m,)."""
+    return np.searchsorted(0.5 * (time[1:] + time[:-1]), target_times)
+
+
+def _has_sample_near(time: Array, target_times: Array) -> Mask:
+    """Return whether ``time`` has an entry within one sampling interval of each of ``target_times`` (m,).
+
+    Samples that are not compared leave gaps, at contact changes of a walk at other phases in each repeat.
+    """
+    distance = np.abs(time[_find_nearest(time, target_times)] - target_times)
+    return np.asarray(distance <= float(np.median(np.diff(time))))
 
 
 def _drop_agreeing_samples(repeats: AlignedRepeats) -> AlignedRepeats:

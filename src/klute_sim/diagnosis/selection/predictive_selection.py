@@ -63,8 +63,8 @@ MAX_RIVAL_RATIO = 1.1
 exceeds its standard error (assumed: an imperfect law differs by as much between any two forms)."""
 
 FOLD_STEP_DEVIATION = 2.0
-"""Standard deviation of the step of a normalized parameter when a fold is left out (assumed; with it, the errors of
-measured seals agree within 1 % with those of refits, without it they are up to four times as large)."""
+"""Scale of the quadratic penalty on the step of each normalized parameter when a fold is left out (assumed). With it,
+errors of prediction of measured seals agree with refits within 1 %; without it they are up to four times as large."""
 
 
 @dataclass(eq=False)
@@ -225,7 +225,7 @@ class PredictiveSelection:
         """Return the normalized parameters of ``fit`` without ``fold``, by one linear step in bounds.
 
         Without a penalty of its length, the step would move a parameter that the data do not determine to a bound,
-        where the linear model does not hold and the prediction has nothing to do with that of a refit.
+        where the linear model does not hold and the prediction differs from that of a refit.
         """
         if not len(fit.x):
             return fit.x
