@@ -82,9 +82,9 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     ``right``, ``twin``, ``loose``, ``part``, ``absorbed``, ``missed``, ``flagged``, ``wrong`` or ``false-alarm``.
 
     *right*: exactly the hidden effects were identified, or an `indistinguishable` verdict lists them among at most as
-    many sets as there are near twins (*loose*: among more), or nothing else is missing and the registration of a walk
-    has a number that is the hidden fault and whose interval contains its size; for clean data, nothing is missing; for
-    defective data and for an imperfect law without an effect, no effect was identified. Effects outside of the
+    many sets as there are near twins (*loose*: among more); for clean data, nothing is missing; for defective data and
+    for an imperfect law without an effect, no effect was identified. Also right: the verdict is `nothing-missing`, and
+    the interval of the registration number that equals the hidden fault contains its size. Effects outside of the
     catalogue have to be *flagged*: no effect was identified, or a data-driven term is one of several sets. *twin*: a
     near twin was identified instead. *part*: only some of several effects were identified. *absorbed*: effects were not
     identified because the uncertain device numbers, within their uncertainty, reproduce them, or wrong numbers were not
@@ -178,7 +178,7 @@ def _is_near_twin(true: Sequence[str], reported: Sequence[str], verdict: Verdict
 
 
 def is_first_right(truth: Truth, verdict: Verdict) -> bool:
-    """Return whether the first identified effect is hidden, or an alternative of a hidden one, or was corrected."""
+    """Return whether the first effect is hidden or an alternative of a hidden one, or the registration corrected it."""
     if verdict["verdict"] not in NAMING_VERDICTS:
         return verdict["verdict"] == "nothing-missing" and _is_corrected_by_registration(truth, verdict)
     return format_effect(verdict["effects"][0]) in list_hidden_effects(truth) or list_hidden_effects(

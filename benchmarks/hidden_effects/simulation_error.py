@@ -41,7 +41,7 @@ from klute_sim.diagnosis.fitting.least_squares import WeightedData
 NO_NOISE = Noise(force=1e-6, pressure=1e-9, muscle_length=1e-7, wander=0.0, logged_length=0.0, logged_command=0.0)
 """Noise that only the decimals of the files exceed; 0 would stand for the usual one."""
 
-WALK_NOISE_SHARE = 1e-6
+WALK_NOISE_FRACTION = 1e-6
 """Noise of a walk over the usual one: only the decimals of the files exceed it."""
 
 
@@ -76,7 +76,7 @@ def measure_walk_error(key: tuple[str, str] | None, seed: int, simulator: Simula
             seed,
             truth=Path(folder) / "truth.json",
             effects=[] if effect is None else [effect],
-            noise={name: WALK_NOISE_SHARE * value for name, value in walks.CHANNEL_NOISE.items()},
+            noise={name: WALK_NOISE_FRACTION * value for name, value in walks.CHANNEL_NOISE.items()},
         )
         return _compare_with_truth(Path(folder) / "data", truth["base"], effect, GAIT_CHANNELS, simulator)
 

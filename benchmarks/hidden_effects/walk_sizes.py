@@ -1,7 +1,9 @@
-"""Size of an effect in gait: its residual after refitting the uncertain numbers of device and registration, over noise.
+"""Size of an effect in gait: its residual after refitting uncertain numbers, over the noise.
 
 As on the bench (:mod:`sizes`), but by the replay of the package: gait measurements depend on the motion, which is not
-part of the effect. The replay determines only the size of the hidden effect, never the data.
+part of the effect. The replay determines only the size of the hidden effect, never the data. An effect is scaled to a
+size after a refit of the device; the registration of plate and markers takes a part of that, for some effects nearly
+all, so the size that counts is measured after a refit of both.
 """
 
 from collections.abc import Mapping
@@ -36,6 +38,7 @@ class GaitEffectSizer:
         true_values = {**base, **{name: 0.0 for name, _ in registration}}
         self._base = np.array([u.normalize(true_values[u.name]) for u in self._hypothesis.parameters])
         self._reference = self._simulate_channels(self._hypothesis, self._base)
+        self._n_device_numbers = len(uncertain)
         perturbed = [
             self._simulate_channels(self._hypothesis, self._base + DIFFERENCE_SIGMAS * unit)
             for unit in np.eye(len(self._base))
@@ -44,8 +47,11 @@ class GaitEffectSizer:
             [(channels - self._reference).ravel() / DIFFERENCE_SIGMAS for channels in perturbed], axis=1
         )
 
-    def measure_size(self, effect: Mapping[str, Any]) -> float:
-        """Return the size of ``effect`` in the channel with the largest value."""
+    def measure_size(self, effect: Mapping[str, Any], *, with_registration: bool = False) -> float:
+        """Return the size of ``effect`` in the channel with the largest value.
+
+        ``with_registration`` refits the numbers of the registration, too.
+        """
         form = effect["form"] if not effect.get("channel") else catalogue.get_effects()[effect["name"]].forms[0].name
         hypothesis = self._hypothesis.with_term(EffectTerm(effect["name"], form, effect.get("channel")))
         added_parameters = zip(hypothesis.parameters[len(self._base) :], effect["parameters"].values(), strict=True)
@@ -56,11 +62,11 @@ class GaitEffectSizer:
             - self._reference
         )
         # A deviation of one standard deviation costs as much as a sample deviating by its noise.
-        count = len(self._base)
-        columns = np.concatenate([self._columns, np.eye(count)])
+        count = len(self._base) if with_registration else self._n_device_numbers
+        base, influences = self._base[:count], self._columns[:, :count]
+        columns = np.concatenate([influences, np.eye(count)])
         target = np.concatenate([change.ravel(), np.zeros(count)])
-        bounds = (-MAX_SIGMAS - self._base, MAX_SIGMAS - self._base)
-        residual = change.ravel() - self._columns @ lsq_linear(columns, target, bounds).x
+        residual = change.ravel() - influences @ lsq_linear(columns, target, (-MAX_SIGMAS - base, MAX_SIGMAS - base)).x
         return float(np.sqrt(np.mean(residual.reshape(change.shape) ** 2, axis=1)).max())
 
     def close(self) -> None:

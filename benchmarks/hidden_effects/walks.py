@@ -71,9 +71,9 @@ def make_dataset(
 ) -> dict[str, Any]:
     """Write the dataset ``folder`` and its ground truth ``truth``; return the ground truth.
 
-    Device, speeds, pressures and noise depend on ``seed`` only. Effects with a ``wanted`` size are scaled to it.
-    ``registration`` are errors of the coordinates, which are no missing effect. ``noise`` of each channel is in the
-    unit of a recording.
+    Device, speeds, pressures and noise depend on ``seed`` only. Effects with a ``wanted`` size are scaled to it, which
+    is their size before the registration is refitted. ``registration`` are errors of the coordinates, which are no
+    missing effect. ``noise`` of each channel is in the unit of a recording.
     """
     child = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
     nominal = load_device(DEVICE_PRESET)
@@ -91,14 +91,10 @@ def make_dataset(
         )
     hidden, faults = list(effects), list(instruments)
     if any("wanted" in effect for effect in (*hidden, *faults)):
-        scale = _build_sizer(device, base, profiles)
-        hidden = [
-            scale_to_target(e, (EFFECTS | BODY_EFFECTS)[e["name"], e["form"]], scale.measure_size) for e in hidden
-        ]
-        faults = [
-            scale_to_target(e, instrument_forms(e["channel"])[e["name"], e["form"]], scale.measure_size) for e in faults
-        ]
-        scale.close()
+        sizer = _build_sizer(device, base, profiles)
+        hidden = [_scale_effect(e, (EFFECTS | BODY_EFFECTS)[e["name"], e["form"]], sizer) for e in hidden]
+        faults = [_scale_effect(e, instrument_forms(e["channel"])[e["name"], e["form"]], sizer) for e in faults]
+        sizer.close()
     folder.mkdir(parents=True, exist_ok=True)
     lines = _dataset_header()
     for group, speed in GROUP_SPEEDS.items():
@@ -128,6 +124,12 @@ def make_dataset(
     }
     truth.write_text(json.dumps(ground_truth, indent=1), "utf-8")
     return ground_truth
+
+
+def _scale_effect(effect: Mapping[str, Any], parameters: Mapping[str, Any], sizer: GaitEffectSizer) -> dict[str, Any]:
+    """Return ``effect`` scaled to its required size, with the size that a refit of the registration leaves."""
+    scaled = scale_to_target(effect, parameters, sizer.measure_size)
+    return {**scaled, "size": round(sizer.measure_size(scaled, with_registration=True), 3)}
 
 
 def _simulate_gait_trial(device: Device, profile: PressureProfile, speed: float, effects: Effects) -> Recording:
