@@ -28,6 +28,8 @@ EDGES = (0.0, 0.2, 0.5, 0.8, 0.9, 0.95, 1.0)
 """Edges of the bins of predicted probability."""
 PRIOR_STD = 2.0
 """Standard deviation of the normal prior of each coefficient."""
+MIN_COEFFICIENTS = {"names": (-np.inf, -np.inf, -np.inf, -np.inf, 0.0, -np.inf)}
+"""Part -> lowest value of each coefficient: a name with a larger margin is no less probable."""
 NO_DECISION_BLOCKS = ("defective",)
 """Blocks without a truth about effects."""
 
@@ -46,7 +48,7 @@ def collect_events(rows: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]) 
         if verdict["verdict"] == "insufficient-data" or verdict.get("p_value") is None:
             continue
         hidden = [*list_hidden_effects(truth), *truth.get("present", ())]
-        features = probability.list_nothing_features(verdict["verdict"])
+        features = probability.list_nothing_features(verdict["verdict"], residual_over_noise(verdict))
         events["nothing_missing"].append(Event(features, not _hides_relevant_effect(truth)))
         for effect in verdict["effects"]:
             if "evidence" in effect:
@@ -63,8 +65,8 @@ def _hides_relevant_effect(truth: Mapping[str, Any]) -> bool:
     return is_relevant or bool(truth.get("present")) or bool(truth.get("law_error"))
 
 
-def fit_logistic(events: Sequence[Event]) -> list[float]:
-    """Return the coefficients with the largest posterior probability."""
+def fit_logistic(events: Sequence[Event], min_coefficients: Sequence[float] | None = None) -> list[float]:
+    """Return the coefficients with the largest posterior probability, none below its lowest value."""
     features = np.array([event.features for event in events])
     signs = np.where([event.is_true for event in events], 1.0, -1.0)
 
@@ -72,7 +74,9 @@ def fit_logistic(events: Sequence[Event]) -> list[float]:
         losses = np.logaddexp(0.0, -signs * (features @ coefficients))
         return float(losses.sum() + 0.5 * (coefficients @ coefficients) / PRIOR_STD**2)
 
-    return [float(f"{c:.4g}") for c in minimize(negative_log_posterior, np.zeros(features.shape[1])).x]
+    start = np.zeros(features.shape[1])
+    bounds = None if min_coefficients is None else [(lowest, None) for lowest in min_coefficients]
+    return [float(f"{c:.4g}") for c in minimize(negative_log_posterior, start, bounds=bounds).x]
 
 
 def tabulate_reliability(coefficients: Sequence[float], events: Sequence[Event]) -> Iterator[str]:
@@ -116,7 +120,7 @@ def main() -> None:
     rows = load_rows(arguments.out, arguments.seed)
     events = collect_events(rows)
     if arguments.write:
-        calibration = {part: fit_logistic(part_events) for part, part_events in events.items()}
+        calibration = {part: fit_logistic(e, MIN_COEFFICIENTS.get(part)) for part, e in events.items()}
         source = {"benchmark": "hidden_effects", "seed": arguments.seed, "datasets": len(rows)}
         counts = {f"{part}_events": len(part_events) for part, part_events in events.items()}
         file = Path(probability.__file__).with_name(probability.CALIBRATION_FILE)

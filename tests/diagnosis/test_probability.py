@@ -33,12 +33,18 @@ def test_the_calibration_separates_verdicts() -> None:
         compute_logistic(calibration["names"], list_name_features(verdict, 0.3, 2.0))
         for verdict in ("identified", "unexplained")
     )
-    assert identified > 0.9 > proxy
+    assert identified > 0.8 > 0.5 > proxy
     claimed, denied = (
         compute_logistic(calibration["nothing_missing"], list_nothing_features(verdict, 2.0))
         for verdict in ("nothing-missing", "identified")
     )
     assert claimed > 0.5 > 0.1 > denied
+    assert list_nothing_features("nothing-missing", 0.2) == list_nothing_features("nothing-missing", 5.0)
+    faint, strong = (
+        compute_logistic(calibration["nothing_missing"], list_nothing_features("identified", size))
+        for size in (0.3, 5.0)
+    )
+    assert faint > strong
 
 
 def test_logistic_against_the_closed_form() -> None:

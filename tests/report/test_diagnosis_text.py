@@ -110,5 +110,5 @@ def test_probabilities_name_their_source(diagnosis: Diagnosis) -> None:
     sentence = words.describe_probabilities(diagnosis)
     assert sentence.startswith("Probabilities, calibrated on ")
     assert "simulated datasets of the benchmark: " in sentence
-    assert "nothing as large as the noise is missing " in sentence
+    assert "no missing effect as large as the noise " in sentence
     assert words.describe_probabilities(replace(diagnosis, verdict="insufficient-data")) == ""

@@ -52,12 +52,11 @@ def estimate_probabilities(diagnosis: Diagnosis) -> Probabilities | None:
         return None
     calibration = load_calibration()
     size = measure_misfit_size(diagnosis.channel_rms)
-    nothing = compute_logistic(calibration["nothing_missing"], list_nothing_features(diagnosis.verdict))
-    names = {}
-    for term, evidence in collect_evidence(diagnosis).items():
-        features = list_name_features(diagnosis.verdict, evidence.margin, size)
-        probability = compute_logistic(calibration["names"], features)
-        names[term] = min(probability, 1.0 - nothing)
+    nothing = compute_logistic(calibration["nothing_missing"], list_nothing_features(diagnosis.verdict, size))
+    names = {
+        term: compute_logistic(calibration["names"], list_name_features(diagnosis.verdict, evidence.margin, size))
+        for term, evidence in collect_evidence(diagnosis).items()
+    }
     return Probabilities(nothing, names, calibration["datasets"])
 
 
@@ -70,13 +69,21 @@ def measure_misfit_size(channel_rms: Mapping[str, ChannelRms]) -> float:
 def list_name_features(verdict: str, margin: float, size: float) -> list[float]:
     """Return the regressors of a name: one indicator for each verdict, the margin and the size of the misfit."""
     kinds = [float(verdict == kind) for kind in NAMING_VERDICTS]
-    return [*kinds, float(np.log10(max(margin, MIN_MARGIN))), float(np.log10(np.clip(size, *SIZE_RANGE)))]
+    return [*kinds, float(np.log10(max(margin, MIN_MARGIN))), _limit_log_size(size)]
 
 
-def list_nothing_features(verdict: str) -> list[float]:
-    """Return the regressors of the statement that nothing is missing: indicators of verdicts that say so and others."""
-    is_claimed = float(verdict == "nothing-missing")
-    return [is_claimed, 1.0 - is_claimed]
+def list_nothing_features(verdict: str, size: float) -> list[float]:
+    """Return the regressors of the statement that nothing is missing.
+
+    One indicator for the verdict that says so, one for all others; for these also the logarithm of the misfit.
+    """
+    if verdict == "nothing-missing":
+        return [1.0, 0.0, 0.0]
+    return [0.0, 1.0, _limit_log_size(size)]
+
+
+def _limit_log_size(size: float) -> float:
+    return float(np.log10(np.clip(size, *SIZE_RANGE)))
 
 
 def compute_logistic(coefficients: Sequence[float], features: Sequence[float]) -> float:

@@ -238,7 +238,7 @@ def describe_probabilities(diagnosis: Diagnosis) -> str:
     if probabilities is None:
         return ""
     clauses = [f"{format_term(term)} {100.0 * p:.0f} %" for term, p in probabilities.names.items()]
-    clauses.append(f"nothing as large as the noise is missing {100.0 * probabilities.nothing_missing:.0f} %")
+    clauses.append(f"no missing effect as large as the noise {100.0 * probabilities.nothing_missing:.0f} %")
     source = f"calibrated on {probabilities.n_datasets} simulated datasets of the benchmark"
     return f"Probabilities, {source}: {join_words(clauses)}."
 
