@@ -16,7 +16,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(console|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 SLOW_PAGES = {
     *("bench.md", "compare.md", "design.md", "diagnose.md", "dissertation.md", "environment.md"),
-    *("gait.md", "import.md", "python.md", "sweep.md", "tuning.md"),
+    *("gait.md", "import.md", "python.md", "sweep.md", "tuning.md", "view.md", "walk.md"),
 }
 """Pages with commands of many seconds, such as whole diagnoses."""
 PAGES_WITH_OWN_PROCESS = {"README.md", "effects.md", "python.md"}

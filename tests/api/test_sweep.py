@@ -57,6 +57,7 @@ def test_tuning_result_has_the_tuned_profile_and_writes_the_files_of_the_command
     assert repr(result).startswith("TuningResult(1 evaluations, cost ")
 
 
+@pytest.mark.slow
 def test_baseline_table_has_a_row_per_run(tmp_path: Path) -> None:
     result = ks.simulate_baselines(["spring-foot-6"], strides=1, time_step=1e-3, n_jobs=1, folder=tmp_path / "b")
     assert [row["condition"] for row in result.rows] == ["level", "slower", "faster", "downhill", "uphill"]

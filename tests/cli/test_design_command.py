@@ -112,6 +112,7 @@ def test_tables_report_selection_violations_and_assumptions(tmp_path: Path) -> N
     assert "Target: muscle 'generic'" in completed.stdout
 
 
+@pytest.mark.slow
 def test_excess_cylinder_pressure_is_reported(tmp_path: Path) -> None:
     completed = run("design", "--mass", "75", "--bore", "1", "--json", "--out", "o", cwd=tmp_path)
     summary = json.loads(completed.stdout)
@@ -154,6 +155,7 @@ def test_options_determine_design(tmp_path: Path) -> None:
     assert summary["demand"] is None
 
 
+@pytest.mark.slow
 def test_moment_arm_and_tendon_strain_determine_design(tmp_path: Path) -> None:
     options = ("--mass", "75", "--moment-arm", "40", "--tendon-strain", "3", "--json")
     summary = json.loads(run("design", *options, cwd=tmp_path).stdout)
@@ -162,6 +164,7 @@ def test_moment_arm_and_tendon_strain_determine_design(tmp_path: Path) -> None:
     assert summary["fixed_fields"] == ["moment_arm", "tendon_strain"]
 
 
+@pytest.mark.slow
 def test_specified_values_are_not_assumptions(tmp_path: Path) -> None:
     options = ("--mass", "75", "--moment-arm", "48", "--cylinder-pressure", "10", "--a", "0.28", "--json", "--out", "o")
     summary = json.loads(run("design", *options, cwd=tmp_path).stdout)

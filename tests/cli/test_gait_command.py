@@ -123,6 +123,7 @@ def test_user_reference_without_deviations_and_user_profile(tmp_path: Path) -> N
     assert summary["controller"]["name"] == "p.csv"
 
 
+@pytest.mark.slow
 def test_toe_catch_is_reported(tmp_path: Path) -> None:
     """At 3 bar the foot points down in swing, and without an alignment nothing lifts its toe."""
     arguments = ("--strides", "2", "--step", "1", "--controller", "constant:3", "--align", "0", "--out", "r")
@@ -282,6 +283,7 @@ def test_api_reports_progress() -> None:
     assert all(0.0 <= fraction <= 1.0 for fraction, _ in reports)
 
 
+@pytest.mark.slow
 def test_foot_is_in_the_files_of_the_run(tmp_path: Path) -> None:
     done = run("gait", "--foot", "sach+shoe", "--strides", "1", "--step", "1", "--out", "mine", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

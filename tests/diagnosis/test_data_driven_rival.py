@@ -9,6 +9,8 @@ import pytest
 from klute_sim.diagnosis import final_model
 from klute_sim.diagnosis.discrepancy import data_driven_rival
 from klute_sim.diagnosis.discrepancy.data_driven_rival import (
+    compute_decisive_threshold,
+    compute_refusal_threshold,
     contains_names,
     find_adequate_term,
     find_data_driven_rival,
@@ -69,7 +71,9 @@ def test_true_name_is_not_beaten_and_an_imitation_is(tmp_path: Path, monkeypatch
         # Where the simulation has an error of its own, the term must be better by more than that.
         with monkeypatch.context() as patch:
             patch.setattr(BenchExperiment, "simulation_error", 10.0)
-            assert search.data_driven_threshold == pytest.approx(search.bic_threshold + 100.0 * search.data.n_effective)
+            simulation_chi2 = 100.0 * search.data.n_effective
+            assert compute_refusal_threshold(search) == pytest.approx(search.bic_threshold + simulation_chi2)
+            assert compute_decisive_threshold(search) == pytest.approx(3.0 * search.bic_threshold + simulation_chi2)
             assert find_data_driven_rival(search, base, imitation) is None
         # A term must not lose in any validation group, even where it gains in the mean.
         monkeypatch.setattr(search, "compute_validation_gains", lambda before, after: {"a": 0.5, "b": -0.1})

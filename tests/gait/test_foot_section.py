@@ -146,6 +146,7 @@ def test_elastic_foot_walks_and_says_so() -> None:
     assert "Foot: dynamic-response-medium+shoe" in str(run)
 
 
+@pytest.mark.slow
 def test_softer_keels_take_more_from_the_push_off() -> None:
     """The walk that was tuned for a rigid keel loses moment on a soft one, and a shoe costs work."""
     names = ("dynamic-response-low", "dynamic-response-high", "dynamic-response-high+shoe")

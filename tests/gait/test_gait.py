@@ -148,6 +148,7 @@ def test_muscle_and_damper_balance_the_tendon_and_pressure_is_delivered() -> Non
     assert recording["pressure"].max() <= 5.0
 
 
+@pytest.mark.slow
 def test_energy_balance_matches_the_work_on_the_ankle() -> None:
     for controller in (
         pressure.load_default_profile(),

@@ -27,6 +27,7 @@ def test_fitted_trials_are_not_presented_as_test_trials(diagnosis: Diagnosis) ->
     assert "fitted" in figures.build_gap_figure(fitted).get_suptitle()
 
 
+@pytest.mark.slow
 def test_all_figures_are_saved(diagnosis: Diagnosis, tmp_path: Path) -> None:
     paths = figures.save_figures(diagnosis, tmp_path / "new" / "folder")
     assert [path.name for path in paths] == ["before_after.png", "gap.png", "ranking.png", "localization.png"]

@@ -7,6 +7,8 @@ import numpy as np
 
 from klute_sim.diagnosis.discrepancy.data_driven_rival import (
     compute_bic_difference,
+    compute_decisive_threshold,
+    compute_refusal_threshold,
     find_data_driven_rival,
     find_decisive_term,
 )
@@ -69,7 +71,7 @@ def select_adequate_model(
     data = search.data
     progress(0.6, "comparing the effects with a data-driven term")
     data_driven_model = find_data_driven_rival(search, base_fit, final_fit, options.exclude)
-    if data_driven_model is not None and data_driven_model.difference < -search.decisive_threshold:
+    if data_driven_model is not None and data_driven_model.difference < -compute_decisive_threshold(search):
         return _refuse_names(search, base_fit, final_fit, data_driven_model, options)
     progress(0.65, "restarting the fit from another point")
     final_fit, has_converged = refine_and_simplify(search, final_fit, np.random.default_rng(options.seed))
@@ -87,7 +89,7 @@ def select_adequate_model(
         final_fit, has_converged = refine_and_simplify(search, better_fit, np.random.default_rng(options.seed))
         equivalent_models = find_equivalent_models(search, final_fit)
     data_driven_model = find_data_driven_rival(search, base_fit, final_fit, options.exclude)
-    if data_driven_model is not None and data_driven_model.difference < -search.data_driven_threshold:
+    if data_driven_model is not None and data_driven_model.difference < -compute_refusal_threshold(search):
         return _refuse_names(search, base_fit, final_fit, data_driven_model, options)
     equivalent_models += [data_driven_model] if data_driven_model else []
     verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)

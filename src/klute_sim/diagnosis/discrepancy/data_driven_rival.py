@@ -25,6 +25,9 @@ from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
 from klute_sim.diagnosis.selection.robustness import MAX_GAIN_LAG_FRACTION, EquivalentModel
 from klute_sim.diagnosis.selection.screening import acts_on_pressure
 
+DECISIVE_MARGIN = 3.0
+"""Margin of a data-driven term over names, in thresholds of BIC, from which no search for other names is worth its time
+(assumed)."""
 MIN_PAIR_GAIN_FRACTION = 0.5
 """Predicted gain of a pair of effects over the gain of a data-driven term, from which on the pair is refitted (assumed:
 linearisation underestimates the gain of frictions by almost as much)."""
@@ -43,6 +46,22 @@ class AdequateTerm(NamedTuple):
     """Fit of the term without added effects."""
     equation: str
     """Name of the equation that the term belongs to."""
+
+
+def compute_refusal_threshold(search: ForwardSelection) -> float:
+    """Return the fall of BIC from which a data-driven term refuses names that explain the data to the noise."""
+    return search.bic_threshold + _compute_simulation_chi2(search)
+
+
+def compute_decisive_threshold(search: ForwardSelection) -> float:
+    """Return the fall of BIC from which a data-driven term is decisive."""
+    return DECISIVE_MARGIN * search.bic_threshold + _compute_simulation_chi2(search)
+
+
+def _compute_simulation_chi2(search: ForwardSelection) -> float:
+    """Return chi squared of the error of the simulation, which the many functions of a data-driven term can fit."""
+    simulation_error = max((e.simulation_error for e in search.data.experiments), default=0.0)
+    return simulation_error * simulation_error * search.data.n_effective
 
 
 def find_adequate_term(search: ForwardSelection, base_fit: Fit, exclude: Collection[str] = ()) -> AdequateTerm | None:
@@ -68,8 +87,8 @@ def find_data_driven_rival(
 ) -> EquivalentModel | None:
     """Return ``base_fit`` with a data-driven term in place of the names of ``named_fit``, if it is as good.
 
-    Its repeats show no misfit, its BIC is lower by more than the ``data_driven_threshold`` of ``search`` (not higher by
-    more than the usual threshold where the names are of several kinds), and it predicts every validation group as well.
+    Its repeats show no misfit, its BIC is lower by more than :func:`compute_refusal_threshold` (not higher by more than
+    the usual threshold where the names are of several kinds), and it predicts every validation group as well.
     A term that contains the names does not refuse them. ``exclude`` names effects that are not candidates.
     """
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
@@ -80,7 +99,7 @@ def find_data_driven_rival(
         return None
     term_fit = adequate.fit
     bic_difference = compute_bic_difference(search, term_fit, named_fit)
-    if bic_difference > (search.bic_threshold if len(list_kinds(names)) > 1 else -search.data_driven_threshold):
+    if bic_difference > (search.bic_threshold if len(list_kinds(names)) > 1 else -compute_refusal_threshold(search)):
         return None
     if contains_names(term_fit, named_fit, names) or not predicts_as_well(search, term_fit, named_fit):
         return None
@@ -137,8 +156,8 @@ def find_decisive_term(
 ) -> DecisiveTerm | None:
     """Return a data-driven term in one equation that explains the data to the noise, where no names do.
 
-    ``named_fit`` is the best fit of the selection and leaves a misfit. The term must be better by the
-    ``decisive_threshold`` of ``search`` and predict every validation group as well, and no pair of effects may
+    ``named_fit`` is the best fit of the selection and leaves a misfit. The term must be better by
+    :func:`compute_decisive_threshold` and predict every validation group as well, and no pair of effects may
     reach the noise: effects are added one at a time, and a pair of which neither explains much alone is passed by.
 
     One cause suffices then, at the place of the term (supply, device, joint). Names there may be a part of it: an
@@ -151,7 +170,7 @@ def find_decisive_term(
     if adequate is None:
         return None
     term_fit = adequate.fit
-    if compute_bic_difference(search, term_fit, named_fit) > -search.decisive_threshold:
+    if compute_bic_difference(search, term_fit, named_fit) > -compute_decisive_threshold(search):
         return None
     if not predicts_as_well(search, term_fit, named_fit):
         return None

@@ -27,8 +27,6 @@ from klute_sim.types import Array
 
 BIC_THRESHOLD = 6.0
 """Difference of BIC that decides between two models."""
-DECISIVE_MARGIN = 3.0
-"""Margin of a decisive data-driven term, in thresholds of BIC (assumed)."""
 MAX_EFFECTS = 3
 """Maximum number of added effects."""
 SHORTLIST_SIZE = 8
@@ -108,22 +106,6 @@ class ForwardSelection:
     def bic_threshold(self) -> float:
         """Difference of BIC that decides between two models."""
         return BIC_THRESHOLD if self.has_repeats else NO_REPEATS_BIC_FACTOR * BIC_THRESHOLD
-
-    @property
-    def simulation_chi2(self) -> float:
-        """Chi squared of the error of the simulation, which the many functions of a data-driven term can fit."""
-        simulation_error = max((e.simulation_error for e in self.data.experiments), default=0.0)
-        return simulation_error * simulation_error * self.data.n_effective
-
-    @property
-    def data_driven_threshold(self) -> float:
-        """Fall of BIC from which a data-driven term refuses names that explain the data to the noise."""
-        return self.bic_threshold + self.simulation_chi2
-
-    @property
-    def decisive_threshold(self) -> float:
-        """Fall of BIC from which a data-driven term is decisive: no search for other names is worth its time."""
-        return DECISIVE_MARGIN * self.bic_threshold + self.simulation_chi2
 
     def run(self, base_fit: Fit) -> Fit:
         """Return the fit with the accepted effects, starting from ``base_fit`` without them."""
