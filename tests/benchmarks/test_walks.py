@@ -120,7 +120,7 @@ def test_dataset_is_readable_with_separate_ground_truth(tmp_path: Path, monkeypa
     truth = json.loads((tmp_path / "faulty.truth.json").read_text("utf-8"))
     offset = truth["instruments"][0]["parameters"]["offset"]
     assert 2.0 * benchmark.GAIT_CHANNELS["ankle_angle"].noise < offset < 0.4  # the device's numbers follow a part of it
-    assert truth["size"] == pytest.approx(2.0, rel=0.1)
+    assert truth["size"] < 0.1  # an error of the registration is the same
     one, other = (each.trials[0].measured["ankle_angle"].value for each in (plain, faulty))
     assert other - one == pytest.approx(np.radians(offset), abs=1e-6)
     assert len({len(trial.prescribed["cop_x"].time) for trial in plain.trials}) == 2  # repeats differ in pace
