@@ -189,7 +189,7 @@ def test_maxwell_slip_starts_at_its_stiffness_and_saturates_at_its_friction() ->
     forces = []
     for x in np.linspace(0.0, 5e-3, 500):
         length = muscle.resting_length + x
-        state = slot.form.state_type(*laws["next_state"](p, state, muscle, pressure, pressure, length, 0.0, 1e-3))
+        state = slot.form.state_type(*laws["next_state"](p, state, muscle, pressure, 0.0, length, 0.0, 1e-3))
         forces.append(laws["muscle_force"](p, state, 0.0, muscle, pressure, length, 0))
     assert forces[1] / 1.002e-5 == pytest.approx(2 * 40e3, rel=0.01)
     assert forces[-1] == pytest.approx(2 * 8.0 * 3.0)

@@ -173,7 +173,7 @@ def test_braid_friction_dissipates_energy_under_varying_pressure(form: str) -> N
             x += dx
             if next_state:
                 state = slot.form.state_type(
-                    *next_state(p, state, PAIR.parameters.muscle, pressure, pressure, rest + x, 0.0, 1e-3)
+                    *next_state(p, state, PAIR.parameters.muscle, pressure, 0.0, rest + x, 0.0, 1e-3)
                 )
             force = law(p, state, 0.0, PAIR.parameters.muscle, pressure, rest + x, dx / 1e-3)
             energy -= force * dx

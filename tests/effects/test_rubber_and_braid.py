@@ -125,7 +125,7 @@ def test_hysteretic_stretch_approaches_its_limit_for_any_step(name: str, ratio: 
     state, rest = form.make_zero_state(), muscle.resting_length
 
     def step(state: Any, pressure: float, length: float) -> Any:
-        return form.state_type(*form.laws["next_state"](p, state, muscle, pressure, pressure, length, 0.0, 1e-3))
+        return form.state_type(*form.laws["next_state"](p, state, muscle, pressure, 0.0, length, 0.0, 1e-3))
 
     for k in range(1, 1001):
         state = step(state, pressure, rest + 1e-5 * k)

@@ -53,7 +53,7 @@ def _check_law(law: Callable[..., Any], hook: str, form: EffectForm, location: s
         "supply": (p, state, SupplyParameters(5e5, 1e7, 293.15)),
         "pressure_target": (p, state, pressure),
         "pressure_reached": (p, state, pressure, pressure, dt),
-        "next_state": (p, state, muscle, pressure, pressure, length, stretch, dt),
+        "next_state": (p, state, muscle, pressure, 0.0, length, stretch, dt),
         "reading": (p, series, series),
         "foot": (p, foot),
         "joint": (p, Joint(0.1, 0.1, 0.0, NO_BRISTLE)),

@@ -48,7 +48,7 @@ COP_PERTURBATION = 1e-3
 """Shift of the centre of pressure [m] that measures the sensitivity to its noise."""
 SIMULATION_ERROR = 0.1
 """Error of the replay of a walk whose inputs have no noise, over the noise of usual instruments (measured on simulated
-walks: 0.05 to 0.2 for most effects; docs/benchmark.md)."""
+walks: 0.1 to 0.22 in the worst walk with most effects; docs/benchmark.md)."""
 MIN_SWING_TIME = 0.1
 """Shortest time without load before a foot strike [s]; a foot may bounce at foot strike and toe-off (assumed; swing
 takes about 0.4 s)."""

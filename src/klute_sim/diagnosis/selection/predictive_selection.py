@@ -64,7 +64,8 @@ exceeds its standard error (assumed: an imperfect law differs by as much between
 
 FOLD_STEP_DEVIATION = 2.0
 """Scale of the quadratic penalty on the step of each normalized parameter when a fold is left out (assumed). With it,
-errors of prediction of measured seals agree with refits within 1 %; without it they are up to four times as large."""
+the errors of converged models of a measured seal agree with refits within about 1 %; without it they are up to four
+times as large."""
 
 
 @dataclass(eq=False)

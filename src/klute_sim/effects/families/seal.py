@@ -11,8 +11,17 @@ FILM_TIME_CONSTANT = 5e-3
 """Time constant with which a lubricating film follows the speed [s].
 
 Assumed: friction of lubricated line contacts follows a change of speed after 3 to 9 ms (Hess & Soom, J. Tribology
-112:147, 1990). Without it, sticking and slipping would depend on the time step.
+112:147, 1990; quoted from memory). Without it, sticking and slipping would depend on the time step.
 """
+SLIDING_FORCE = EffectParameter(
+    key="force_n",
+    neutral=0.0,
+    lower=0.0,
+    upper=200.0,
+    typical=15.0,
+    source="pneumatic cylinder seals measured at 7-21 N",
+)
+"""Friction of a seal that slides, the same at every pressure."""
 
 
 def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
@@ -90,7 +99,7 @@ def step_seal_displacement(
     """Return the elastic displacement of the seal and the length beyond rest [m] after the step.
 
     Dahl's model (:func:`~klute_sim.effects.smoothing.step_bouc_wen` with gamma = 0): before it slides with the force
-    ``F (1 + g P)``, the seal deforms with the stiffness k. P is the gauge pressure.
+    ``F (1 + g P)``, the seal deforms with the stiffness k. P is the acting pressure, in a cylinder that of its air.
     """
     x = length - muscle.resting_length
     max_displacement = p.force * (1.0 + p.growth * pressure) / p.stiffness
@@ -105,30 +114,14 @@ SEAL_FRICTION = Effect(
         EffectForm(
             name="coulomb",
             equation="F += F_seal sign(v)",
-            parameters=(
-                EffectParameter(
-                    key="force_n",
-                    neutral=0.0,
-                    lower=0.0,
-                    upper=200.0,
-                    typical=15.0,
-                    source="pneumatic cylinder seals measured at 7-21 N",
-                ),
-            ),
+            parameters=(SLIDING_FORCE,),
             laws={"damper_force": seal_friction},
         ),
         EffectForm(
             name="stribeck",
             equation="F += F_seal (1 + stick (1 - z)) sign(v), dz/dt = (1 - exp(-(v/v_s)^2) - z) / 5 ms",
             parameters=(
-                EffectParameter(
-                    key="force_n",
-                    neutral=0.0,
-                    lower=0.0,
-                    upper=200.0,
-                    typical=15.0,
-                    source="pneumatic cylinder seals measured at 7-21 N",
-                ),
+                SLIDING_FORCE,
                 EffectParameter(
                     key="stick_fraction",
                     neutral=None,
@@ -153,14 +146,7 @@ SEAL_FRICTION = Effect(
             name="presliding",
             equation="F += F_seal u/s, du/dx = 1 - u sign(dx)/s",
             parameters=(
-                EffectParameter(
-                    key="force_n",
-                    neutral=0.0,
-                    lower=0.0,
-                    upper=200.0,
-                    typical=15.0,
-                    source="pneumatic cylinder seals measured at 7-21 N",
-                ),
+                SLIDING_FORCE,
                 EffectParameter(
                     key="presliding_mm",
                     neutral=None,
