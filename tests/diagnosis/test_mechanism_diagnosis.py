@@ -362,6 +362,20 @@ def test_friction_of_the_joint_is_named_and_the_model_has_it(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+def test_bearing_and_seals_that_deform_are_not_told_apart(tmp_path: Path) -> None:
+    """Both muscles pull on one pulley, so friction of their seals acts on the joint as that of its bearing does."""
+    truth = ModelEffect("joint_friction", "presliding", (("moment_n_m", 0.15), ("presliding_deg", 2.0)), "joint")
+    folder = joint.write_dataset(tmp_path / "data", effects=[truth], true_numbers=TRUE_NUMBERS, uncertain=UNCERTAIN)
+    result = diagnose(folder, only=["joint_friction", "seal_friction"])
+    assert result.verdict == "indistinguishable"
+    output = result.save(tmp_path / "out", report=False)
+    verdict = json.loads((output / "verdict.json").read_text())
+    named = {effect["name"] for effect in verdict["effects"]}
+    others = {name.partition("@")[0] for effect_set in verdict["alternatives"] for name in effect_set}
+    assert named | others == {"joint_friction", "seal_friction"}
+
+
+@pytest.mark.slow
 def test_wrong_number_of_the_model_is_named(tmp_path: Path) -> None:
     folder = joint.write_dataset(tmp_path / "data", true_numbers={"model.joint.joint.damping": 0.12})
     result = diagnose(folder, only=["number_error", "pressure_lag", "seal_friction"])

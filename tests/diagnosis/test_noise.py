@@ -46,6 +46,19 @@ def test_noise_does_not_depend_on_when_repeats_are_sampled(clock_offset: float) 
     assert noises.estimate_noise_from_repeats(experiments, residuals)["force"].std == pytest.approx(3.0, rel=0.02)
 
 
+def test_samples_in_a_gap_of_another_repeat_are_not_compared() -> None:
+    values = np.random.default_rng(6).normal(0.0, 3.0, (2, 1000))
+    first, second = make_repeats(list(values))
+    series = second.measured["force"]
+    is_retained = (series.time < 1.0) | (series.time > 1.5)
+    gapped = TimeSeries(series.time[is_retained], series.value[is_retained])
+    experiments = [first, replace(second, measured={"force": gapped})]
+    (aligned,) = noises.align_repeats(experiments, [{"force": values[0]}, {"force": gapped.value}], "force")
+    interval = series.sampling_interval
+    assert not np.any((aligned.time > 1.0 + interval) & (aligned.time < 1.5 - interval))
+    assert len(aligned.time) == pytest.approx(is_retained.sum(), abs=2)
+
+
 def test_sampling_rate_does_not_change_the_effective_number_of_samples() -> None:
     """Equal noise, sampled ten times as fast in one group, carries no more information there."""
     rng = np.random.default_rng(3)
