@@ -87,6 +87,20 @@ def test_radius_follows_braid_and_turns_unless_it_is_fitted() -> None:
     assert 0.95 * braid_radius < both[RADIUS] < 1.06 * braid_radius
 
 
+def test_radius_stays_if_braid_or_turns_are_wrong() -> None:
+    values = NOMINAL.spec.collect_values()
+    turns = {"muscle.turns_per_m": 1.01 * values["muscle.turns_per_m"]}
+    assert complete_numbers(values, turns, turns) == turns
+    many = {"muscle.turns_per_m": 1.1 * values["muscle.turns_per_m"]}  # The file has to stay valid.
+    assert complete_numbers(values, many, many)[RADIUS] < values[RADIUS]
+    hypothesis = Hypothesis(NOMINAL, (), (), (make_number_term("muscle.turns_per_m"),))
+    assert hypothesis.correct_numbers(NOMINAL, None, list(turns.values())) == pytest.approx(turns)
+    # An uncertain braid moves the radius, wrong turns beside it do not.
+    braid = {"muscle.braid_length_ratio": 1.001 * values["muscle.braid_length_ratio"]}
+    changed = complete_numbers(values, {**braid, **turns}, turns)
+    assert changed[RADIUS] == pytest.approx(complete_numbers(values, braid)[RADIUS])
+
+
 def test_limits_are_those_of_the_device_file() -> None:
     assert find_limits("muscle.braid_length_ratio")[0] == 1.001
     lower, upper = find_limits("tendon.stiffness_1_n_per_mm")

@@ -1,11 +1,12 @@
 """Numbers of a device that depend on fitted ones, so that every fitted device is a valid device file.
 
-The braid lies on the bladder, so the bladder radius follows braid length and turns unless it is fitted itself; the wall
+The braid lies on the bladder, so the bladder radius follows an uncertain braid length and uncertain turns unless it is
+fitted itself. If braid length or turns are wrong in the file, the radius stays: it was measured by itself. The wall
 leaves room for air; no number leaves the range of the device file.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from klute_sim.device.schema.limits import find_limits
 from klute_sim.device.schema.muscle import MAX_RADIUS_MISMATCH, MIN_GAS_FRACTION
@@ -17,10 +18,14 @@ RADIUS, THICKNESS = "muscle.bladder_radius_mm", "muscle.bladder_thickness_mm"
 BRAID_RATIO, TURNS = "muscle.braid_length_ratio", "muscle.turns_per_m"
 
 
-def complete_numbers(values: Mapping[str, float], fitted: Mapping[str, float]) -> dict[str, float]:
+def complete_numbers(
+    values: Mapping[str, float], fitted: Mapping[str, float], wrong: Collection[str] = ()
+) -> dict[str, float]:
     """Return ``fitted`` within the limits of a device file, and the numbers that follow from them.
 
-    ``values`` are all numbers of the device before the fit, ``section.key`` -> value in the unit of the key.
+    ``values`` are all numbers of the device before the fit, ``section.key`` -> value in the unit of the key. ``wrong``
+    are the keys of ``fitted`` whose number in the file is wrong; other numbers do not follow them further than a valid
+    file requires.
     """
     changed = {key: min(max(value, find_limits(key)[0]), find_limits(key)[1]) for key, value in fitted.items()}
     if not changed.keys() & {RADIUS, THICKNESS, BRAID_RATIO, TURNS}:
@@ -29,7 +34,8 @@ def complete_numbers(values: Mapping[str, float], fitted: Mapping[str, float]) -
     braid_radius = _compute_radius_at_rest(new)
     radius = new[RADIUS]
     if RADIUS not in changed:
-        radius *= braid_radius / _compute_radius_at_rest(values)
+        uncertain = {key: value for key, value in changed.items() if key not in wrong}
+        radius *= _compute_radius_at_rest({**values, **uncertain}) / _compute_radius_at_rest(values)
     mismatch = MAX_RADIUS_MISMATCH * (1.0 - RELATION_MARGIN)
     radius = min(max(radius, braid_radius / (1.0 + mismatch)), braid_radius / (1.0 - mismatch))
     # The air has at least a part of the braid's cross section.

@@ -318,7 +318,8 @@ class Hypothesis:
             owner, separator, key = name.partition(DEVICE_SEPARATOR)
             if separator and owner == tendon:
                 corrected[key] = corrected.get(key, own_values[key]) + value - declared[name]
-        return complete_numbers(own_values, corrected)
+        wrong = {term.number.rpartition(DEVICE_SEPARATOR)[2] for term in self.terms if term.number}
+        return complete_numbers(own_values, corrected, wrong)
 
     def list_fitted_keys(self, tendon: str | None) -> set[str]:
         """Return ``section.key`` of all fitted numbers of the device on ``tendon`` (None: no mechanism)."""
