@@ -11,7 +11,7 @@ from klute_sim.diagnosis.discrepancy import imitation
 from klute_sim.diagnosis.discrepancy.imitation import DataDrivenComparison, compare_with_data_driven_models
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
@@ -118,6 +118,16 @@ def test_cross_talk_into_the_load_cell_is_found(clean: tuple[ForwardSelection, F
     coefficient, unit = data_driven_model.description.split("(+")[1].split(" ", 1)
     assert float(coefficient) == pytest.approx(CROSS_TALK_N_PER_BAR, rel=0.15)  # by one linear step
     assert unit == "N per bar of 'pressure')"
+
+
+def test_one_channel_has_fewer_functions_than_three_names(with_friction: tuple[ForwardSelection, Fit]) -> None:
+    search, full_base = with_friction
+    experiments = [replace(e, measured={"force": e.measured["force"]}) for e in search.data.experiments]
+    data = WeightedData(search.data.simulator, experiments, {"force": search.data.noise["force"]})
+    base = fit_hypothesis(data, full_base.hypothesis, full_base.x)
+    force_only = replace(search, data=data, history=[])
+    three = add_terms(force_only, base, BRAID_FRICTION, SEAL_FRICTION, DAMPING)
+    assert judge(force_only, base, three).better is None
 
 
 def test_wrong_gain_is_not_refused(clean: tuple[ForwardSelection, Fit]) -> None:

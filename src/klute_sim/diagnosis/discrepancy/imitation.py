@@ -95,24 +95,25 @@ def compare_with_data_driven_models(
 
     limit = find_limit(result.chosen.error)
     for n_functions in range(1, len(names) + 1):
-        best = min(_fit_readings(selection, result.base.fit, n_functions), key=lambda model: model.error)
-        if best.error < limit:
+        models = _fit_readings(selection, result.base.fit, n_functions)
+        best = min(models, key=lambda model: model.error, default=None)  # few channels have few functions
+        if best is not None and best.error < limit:
             return DataDrivenComparison(better=best)
     equation_residuals = compute_equation_residuals(search.data, base_fit)
     for library in list_data_driven_terms(base_fit, equation_residuals, exclude).values():
         # Smallest first, so that the shortest of the formulas that predict as well is compared.
-        models = list(_extend(selection, result.base.fit, library))
-        if not models:  # no function has an influence
+        extended = list(_extend(selection, result.base.fit, library))
+        if not extended:  # no function has an influence
             continue
-        small = [model for model in models if len(model.terms[-1].parameter_keys) <= len(names)]
+        small = [model for model in extended if len(model.terms[-1].parameter_keys) <= len(names)]
         rivals += [
             _describe(model)
             for model in small
             if _predicts_as_well(model, result.chosen) and _is_other_cause(selection, model.fit, result)
         ]
-        best_model = min(models, key=lambda model: model.error)
+        best_model = min(extended, key=lambda model: model.error)
         free = next(
-            model for model in models if is_as_good(model, best_model) or model.error < best_model.error + min_gain
+            model for model in extended if is_as_good(model, best_model) or model.error < best_model.error + min_gain
         )
         if free.error >= limit:
             continue
