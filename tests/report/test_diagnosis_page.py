@@ -16,6 +16,7 @@ from klute_sim.diagnosis.verdict import verdict_to_dict
 from klute_sim.provenance import collect_versions
 from klute_sim.report.diagnosis import figures, page
 from klute_sim.report.diagnosis import text as words
+from klute_sim.report.diagnosis.table import build_added_term_tables
 from klute_sim.units import BAR
 from tests.report.synthetic_diagnosis import (
     SLOPE_N_PER_BAR,
@@ -174,10 +175,20 @@ def test_wrong_number_and_rejected_models_are_shown(diagnosis: Diagnosis) -> Non
         PredictiveModel(base, np.ones(2), np.tile(base.x, (2, 1))),
     ]
     result = PredictiveResult(models[2], models[0], [], models, {number: 1.0}, 0.8, 0.0, "condition", 2)
-    html = page.render_page(
-        replace(diagnosis, verdict="identified-in-part", final_fit=wrong, added_terms=(number,), prediction=result),
-        {},
+    corrected = replace(
+        diagnosis, verdict="identified-in-part", final_fit=wrong, added_terms=(number,), prediction=result
     )
+    html = page.render_page(corrected, {})
+    assert rows_of(html, "effects")[0][:3] == ["number", "declared", "fitted"]
+    declared = wrong.hypothesis.parameters[-1].initial
+    assert rows_of(html, "effects")[1][1] == words.format_number(declared)
+    assert verdict_to_dict(corrected)["effects"][0]["declared"] == declared
+    (numbers,) = build_added_term_tables(corrected, wrong)
+    assert str(numbers.title) == words.NUMBERS_TITLE
+    assert [next(iter(column.cells)) for column in numbers.columns[:2]] == [
+        "muscle.bladder_radius_mm",
+        words.format_number(declared),
+    ]
     assert "bladder radius of the muscle" in text_of(html)
     assert "Number of the device file: muscle.bladder_radius_mm" in text_of(html)
     assert rows_of(html, "prediction")[1:] == [

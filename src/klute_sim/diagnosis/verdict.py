@@ -160,6 +160,8 @@ def _list_effect_entries(
                 if parameter.term_index == index
             },
         }
+        if term.number is not None:
+            entry["declared"] = next(p.initial for p in final_fit.hypothesis.parameters if p.term_index == index)
         if term in evidence:
             entry["evidence"] = evidence[term]._asdict()
         if probabilities and term in probabilities.names:

@@ -179,6 +179,7 @@ def _build_parameter_rows(
         if parameter.term_index == term_index:
             name, unit = words.format_parameter_name(parameter, term.channel)
             row = {"name": name, "key": parameter.name, "unit": unit, "value": words.format_number(value)}
+            row["declared"] = words.format_number(parameter.initial) if term.number else ""
             if intervals:
                 row["value"], row["lower"], row["upper"] = words.format_interval(value, *intervals[index])
             row["note"] = AT_BOUND_NOTE if index in bounds_reached else ""

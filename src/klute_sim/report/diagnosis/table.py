@@ -23,7 +23,7 @@ def iterate_summary(diagnosis: Diagnosis) -> Iterator[Table | str]:
     for reason in filter(None, [*diagnosis.reasons, *sentences]):
         yield f"  {reason}"
     if diagnosis.added_terms and diagnosis.final_fit is not None:
-        yield build_effects_table(diagnosis, diagnosis.final_fit)
+        yield from build_added_term_tables(diagnosis, diagnosis.final_fit)
         formula = format_formula(diagnosis.final_fit)
         if formula:
             yield f"Data-driven term: {formula}"
@@ -38,19 +38,25 @@ def iterate_summary(diagnosis: Diagnosis) -> Iterator[Table | str]:
     yield f"Trials: {counts}; {split.description}."
 
 
-def build_effects_table(diagnosis: Diagnosis, final_fit: Fit) -> Table:
-    """Return the parameters of the added effects with their 95 % confidence intervals."""
-    table = create_table(
-        "effect", "parameter", "value", "95 % interval", "unit", title=text.format_effects_title(diagnosis)
-    )
+def build_added_term_tables(diagnosis: Diagnosis, final_fit: Fit) -> list[Table]:
+    """Return the parameters of the added effects and the corrected numbers, with their 95 % confidence intervals.
+
+    Each is a table, where there are any.
+    """
+    effects = create_table("effect", "parameter", "value", "95 % interval", "unit", title=text.EFFECTS_TITLE)
+    numbers = create_table("number", "declared", "fitted", "95 % interval", "unit", title=text.NUMBERS_TITLE)
     rows = list(zip(final_fit.hypothesis.parameters, final_fit.values, diagnosis.confidence_intervals, strict=True))
     for index, term in enumerate(final_fit.hypothesis.terms):
         for parameter, value, interval in rows:
             if parameter.term_index == index:
                 value_text, lower, upper = text.format_interval(value, *interval)
                 unit = text.format_parameter_name(parameter, term.channel)[1]
-                table.add_row(str(term), parameter.name, value_text, f"{lower} to {upper}", unit or "-")
-    return table
+                cells = (value_text, f"{lower} to {upper}", unit or "-")
+                if term.number:
+                    numbers.add_row(parameter.name, text.format_number(parameter.initial), *cells)
+                else:
+                    effects.add_row(str(term), parameter.name, *cells)
+    return [table for table in (effects, numbers) if table.row_count]
 
 
 def build_gap_table(diagnosis: Diagnosis) -> Table:

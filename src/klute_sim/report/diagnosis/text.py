@@ -21,6 +21,10 @@ SIGNIFICANT_DIGITS = 4
 """Number of significant digits of a formatted number."""
 MAX_DECIMALS = 9
 """Maximum number of decimals of values that differ little from each other."""
+EFFECTS_TITLE = "Added effects"
+"""Title of the table of effects."""
+NUMBERS_TITLE = "Corrected numbers"
+"""Title of the table of wrong numbers."""
 MAX_NOISE_RATIO = 1.1
 """Largest ratio of a gap to the noise between repeats that is agreement."""
 QUANTITY_BY_UNIT = {"N": "force", "bar": "pressure", "N·m": "moment"}
@@ -256,10 +260,9 @@ def _reaches_noise(diagnosis: Diagnosis, channel: str) -> bool:
 
 def format_effects_title(diagnosis: Diagnosis) -> str:
     """Return the title of the table of effects and wrong numbers."""
-    is_number = [term.number is not None for term in diagnosis.added_terms]
-    if all(is_number):
-        return "Corrected numbers"
-    return "Added effects and corrected numbers" if any(is_number) else "Added effects"
+    is_number = {term.number is not None for term in diagnosis.added_terms}
+    titles = {False: EFFECTS_TITLE, True: NUMBERS_TITLE.lower() if len(is_number) > 1 else NUMBERS_TITLE}
+    return " and ".join(title for kind, title in titles.items() if kind in is_number)
 
 
 def describe_weights(diagnosis: Diagnosis) -> str:

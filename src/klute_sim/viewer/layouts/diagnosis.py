@@ -192,4 +192,6 @@ def _format_effects(diagnosis: Diagnosis, final_fit: Fit) -> Iterator[str]:
         name, unit = words.format_parameter_name(parameter, term.channel)
         value_text, low, high = words.format_interval(value, *interval)
         unit_text = f" {unit}" if unit else ""
-        yield f"- {words.format_term(term)}, {name}: {value_text}{unit_text} (95 %: {low} to {high})"
+        label = words.format_term(term) if term.number else f"{words.format_term(term)}, {name}"
+        declared = f"; declared: {words.format_number(parameter.initial)}" if term.number else ""
+        yield f"- {label}: {value_text}{unit_text} (95 %: {low} to {high}{declared})"
