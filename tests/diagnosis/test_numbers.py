@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from klute_sim.device.device import list_presets, load_device
+from klute_sim.device.device import Device, list_presets, load_device
 from klute_sim.device.schema.limits import find_limits
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
@@ -13,7 +13,9 @@ from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import NUMBER_ERROR_NAME, compute_plausible_error, list_error_candidates
+from klute_sim.diagnosis.selection.screening import list_contradicted_numbers
 from klute_sim.laws.mckibben import compute_braid_radius
+from klute_sim.plausibility.device_numbers import RANGES, check_device_numbers, limit_to_plausible
 
 NOMINAL = load_device("klute-3-4-pair")
 RADIUS = "muscle.bladder_radius_mm"
@@ -21,6 +23,10 @@ RADIUS = "muscle.bladder_radius_mm"
 
 def make_number_term(key: str) -> EffectTerm:
     return EffectTerm(NUMBER_ERROR_NAME, "value", number=key)
+
+
+def make_trial(device: Device = NOMINAL) -> BenchExperiment:
+    return BenchExperiment("a", "g", "fit", device, 0.0, 0.01, np.zeros(3), {}, unit_length=np.full(3, 0.34))
 
 
 def make_fit(hypothesis: Hypothesis, x: np.ndarray) -> Fit:
@@ -64,15 +70,15 @@ def test_wrong_number_changes_the_device() -> None:
 def test_every_fit_is_a_valid_device_file(name: str, offsets: list[float], fits_radius: bool) -> None:
     device = load_device(name)
     values = device.spec.collect_values()
-    keys = ["muscle.braid_length_ratio", "muscle.turns_per_m", "muscle.bladder_thickness_mm", "muscle.c10_kpa"]
-    keys += ["supply.pressure_bar", *([RADIUS] if fits_radius else [])]
-    hypothesis = Hypothesis(device, tuple((key, 0.2 * values[key]) for key in keys), ())
+    fractions = {"muscle.braid_length_ratio": 0.2, "muscle.turns_per_m": 0.2, "muscle.bladder_thickness_mm": 0.2}
+    fractions |= {"muscle.c10_kpa": 0.6, "supply.pressure_bar": 0.6, **({RADIUS: 0.2} if fits_radius else {})}
+    hypothesis = Hypothesis(device, tuple((key, part * values[key]) for key, part in fractions.items()), ())
     lower, upper = hypothesis.bounds()
-    x = np.clip(np.array(offsets[: len(keys)]), lower, upper)
+    x = np.clip(np.array(offsets[: len(fractions)]), lower, upper)
     fitted = augment_device(make_fit(hypothesis, x), "data")
+    assert check_device_numbers(fitted.spec.collect_values(), "") == []
     # The file simulates what the fit simulated.
-    trial = BenchExperiment("a", "g", "fit", device, 0.0, 0.01, np.zeros(3), {}, unit_length=np.full(3, 0.34))
-    (setup,) = hypothesis.build_setups(x, [trial])
+    (setup,) = hypothesis.build_setups(x, [make_trial(device)])
     assert setup.parameters.muscle == pytest.approx(fitted.parameters.muscle, rel=1e-12)
 
 
@@ -99,6 +105,36 @@ def test_radius_stays_if_braid_or_turns_are_wrong() -> None:
     braid = {"muscle.braid_length_ratio": 1.001 * values["muscle.braid_length_ratio"]}
     changed = complete_numbers(values, {**braid, **turns}, turns)
     assert changed[RADIUS] == pytest.approx(complete_numbers(values, braid)[RADIUS])
+
+
+def test_uncertain_number_may_be_wrong_besides() -> None:
+    key, deviation = "tendon.slack_length_mm", 1.0
+    hypothesis = Hypothesis(NOMINAL, ((key, deviation),), (), (make_number_term(key),))
+    declared = NOMINAL.spec.collect_values()[key]
+    assert hypothesis.collect_numbers([declared, declared]) == {key: declared}
+    assert hypothesis.collect_numbers([declared - 0.5, declared + 4.0]) == {key: pytest.approx(declared + 3.5)}
+    # Screening starts at the bound of the uncertain number: the neutral term changes nothing there.
+    (setup,) = hypothesis.build_setups(np.array([3.0, 0.0]), [make_trial()])
+    assert setup.parameters.tendon.slack_length == pytest.approx(1e-3 * (declared + 3.0))
+
+
+def test_contradicted_number_is_one_whose_plausible_error_is_larger_than_its_declared_one() -> None:
+    slack, rubber = "tendon.slack_length_mm", "muscle.c10_kpa"
+    values = NOMINAL.spec.collect_values()
+    narrow = Hypothesis(NOMINAL, ((slack, 1.0), (rubber, 0.1 * values[rubber])), ())
+    assert list_contradicted_numbers(make_fit(narrow, np.array([3.0, 2.9]))) == {slack}
+    assert list_contradicted_numbers(make_fit(narrow, np.array([2.9, -3.0]))) == {rubber}
+    wide = Hypothesis(NOMINAL, ((slack, 10.0),), ())
+    assert list_contradicted_numbers(make_fit(wide, np.array([3.0]))) == set()
+
+
+def test_fitted_numbers_stay_plausible_if_the_declared_ones_are() -> None:
+    low, high, _ = RANGES["muscle.c10_kpa"]
+    assert limit_to_plausible("muscle.c10_kpa", 100.0, 0.1, 1e6) == (low, high)
+    assert limit_to_plausible("muscle.c10_kpa", 100.0, 50.0, 200.0) == (50.0, 200.0)
+    assert limit_to_plausible("muscle.c10_kpa", 0.1 * low, 0.0, 1e6) == (0.0, 1e6)
+    assert limit_to_plausible("effects.hose.length_m", 1.0, 0.0, 2.0) == (0.0, 2.0)
+    assert limit_to_plausible("supply.gas_temperature_c", 20.0, -50.0, 25.0) == (-30.0, 25.0)
 
 
 def test_limits_are_those_of_the_device_file() -> None:

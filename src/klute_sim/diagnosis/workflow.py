@@ -50,7 +50,7 @@ from klute_sim.diagnosis.recording_faults import suspect_absolute_pressures
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import has_several_specimens
-from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms
+from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms, list_contradicted_numbers
 from klute_sim.types import ProgressCallback
 
 
@@ -111,7 +111,8 @@ def _run_workflow(
         data.with_experiments([e for e in validation if e.group == group])
         for group in repeats.group_repeats(validation)
     ]
-    candidate_terms = list_candidate_terms(data, dataset, options.only, options.exclude)
+    contradicted = list_contradicted_numbers(base_fit)
+    candidate_terms = list_candidate_terms(data, dataset, options.only, options.exclude, contradicted)
     search = ForwardSelection(
         data,
         validation_data,
@@ -130,6 +131,7 @@ def _run_workflow(
     names = [parameter.name for parameter in fit.hypothesis.parameters]
     reasons += describe_registration(zip(names, fit.values, selected.confidence_intervals, strict=True))
     reasons += filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
+    reasons += _describe_contradicted_numbers(fit)
     if not selected.has_converged:
         reasons.append(
             "The final fit did not converge, or a restart from another point ended elsewhere; treat its values with "
@@ -253,6 +255,18 @@ def fit_base_device(
         noise = estimate_noise(experiments, fit.residuals)
     assert fit is not None
     return fit, data
+
+
+def _describe_contradicted_numbers(fit: Fit) -> list[str]:
+    """Return a sentence for each wrong number that was declared uncertain, by less than it is wrong."""
+    deviations = dict(fit.hypothesis.uncertainties)
+    rows = zip(fit.hypothesis.parameters, fit.values, strict=True)
+    wrong = [(p, value, deviations[p.name]) for p, value in rows if p.term_index is not None and p.name in deviations]
+    return [
+        f"{p.name} is declared as {p.initial:.4g} with a standard deviation of {deviation:.3g}; the data need "
+        f"{abs(value - p.initial) / deviation:.1f} of these."
+        for p, value, deviation in wrong
+    ]
 
 
 def _describe_quantization(channel: str, quantizer: Quantizer) -> str:

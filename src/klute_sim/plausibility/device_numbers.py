@@ -107,10 +107,25 @@ def check_device_numbers(values: Mapping[str, float], place: str) -> list[Findin
         value = values.get(key, 0.0)
         if value == 0.0 or limits.low <= abs(value) <= limits.high:
             continue
-        if key == "supply.gas_temperature_c" and COLD_ROOM <= value <= limits.high:
+        if _find_lowest(key, limits) <= value <= limits.high:
             continue
         findings.append(_describe(key, value, limits, place))
     return findings or _check_relations(values, place)
+
+
+def limit_to_plausible(key: str, declared: float, lower: float, upper: float) -> tuple[float, float]:
+    """Return the part of the range from ``lower`` to ``upper`` in which number ``key`` is plausible.
+
+    All are in the unit of the key. A ``declared`` value that is not plausible itself limits nothing.
+    """
+    limits = RANGES.get(key)
+    if limits is None or not _find_lowest(key, limits) <= declared <= limits.high:
+        return lower, upper
+    return max(lower, _find_lowest(key, limits)), min(upper, limits.high)
+
+
+def _find_lowest(key: str, limits: NumberRange) -> float:
+    return COLD_ROOM if key == "supply.gas_temperature_c" else limits.low
 
 
 def describe_possible_units(values: Mapping[str, float], message: str) -> str:
@@ -131,7 +146,7 @@ def _describe(key: str, value: float, limits: NumberRange, place: str) -> Findin
     unit = _get_unit(key)
     guesses = _list_possible_units(key, value, limits)
     fix = f"is it in {' or '.join(guesses)}? Convert it into {unit}" if guesses else "check the number"
-    low = COLD_ROOM if key == "supply.gas_temperature_c" else limits.low
+    low = _find_lowest(key, limits)
     statement = f"{key} = {value:g}, but {low:g} to {limits.high:g} {unit} is plausible ({limits.reason}): {fix}"
     return Finding(key, place, statement.replace("  ", " "))
 

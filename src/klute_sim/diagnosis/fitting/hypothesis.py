@@ -32,6 +32,7 @@ from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.parameters import Parameter
 from klute_sim.plant.mjcf.model_effects import ModelEffect
+from klute_sim.plausibility.device_numbers import limit_to_plausible
 from klute_sim.types import Array
 
 PRIOR_BOUND_SIGMAS = 3.0
@@ -143,16 +144,9 @@ class Hypothesis:
         parameters = []
         for key, deviation in self.uncertainties:
             nominal, half_range = nominal_values[key], PRIOR_BOUND_SIGMAS * deviation
-            lower = max(nominal - half_range, MIN_NUMBER_FRACTION * nominal) if nominal > 0.0 else nominal - half_range
+            lower, upper = _limit_number(key, nominal, half_range)
             parameters.append(
-                FitParameter(
-                    name=key,
-                    term_index=None,
-                    initial=nominal,
-                    scale=deviation,
-                    lower=lower,
-                    upper=nominal + half_range,
-                )
+                FitParameter(name=key, term_index=None, initial=nominal, scale=deviation, lower=lower, upper=upper)
             )
         for name, deviation in self.registration:
             parameters.append(
@@ -175,9 +169,7 @@ class Hypothesis:
     def _make_number_parameter(self, key: str, term_index: int) -> FitParameter:
         nominal = {**self.device.spec.collect_values(), **dict(self.mechanism_numbers)}[key]
         error = compute_plausible_error(key, nominal)
-        lower, upper = nominal - BOUND_SIGMAS * error, nominal + BOUND_SIGMAS * error
-        if nominal > 0.0:
-            lower = max(lower, MIN_NUMBER_FRACTION * nominal)
+        lower, upper = _limit_number(key, nominal, BOUND_SIGMAS * error)
         return FitParameter(name=key, term_index=term_index, initial=nominal, scale=error, lower=lower, upper=upper)
 
     def _make_parameter(self, parameter: EffectParameter, term_index: int, term: EffectTerm) -> FitParameter:
@@ -225,22 +217,21 @@ class Hypothesis:
         return bounds[:, 0], bounds[:, 1]
 
     def collect_numbers(self, values: Sequence[float]) -> dict[str, float]:
-        """Return ``section.key`` -> fitted number of the device for parameter ``values``, each in its own unit."""
-        other_names = dict(self.mechanism_numbers)
-        return {
-            parameter.name: value
-            for parameter, value in zip(self.parameters, values, strict=True)
-            if (
-                parameter.term_index is None
-                and not parameter.name.startswith(REGISTRATION_PREFIX)
-                and parameter.name not in other_names
+        """Return ``section.key`` -> fitted number of the device for parameter ``values``, each in its own unit.
+
+        An uncertain number may be wrong by more than its declared uncertainty; then its two changes add.
+        """
+        other_names, numbers = dict(self.mechanism_numbers), dict[str, float]()
+        for parameter, value in zip(self.parameters, values, strict=True):
+            is_number = (
+                not parameter.name.startswith(REGISTRATION_PREFIX)
+                if parameter.term_index is None
+                else self.terms[parameter.term_index].number is not None
             )
-            or (
-                parameter.term_index is not None
-                and self.terms[parameter.term_index].number
-                and parameter.name not in other_names
-            )
-        }
+            if is_number and parameter.name not in other_names:
+                shift = numbers.get(parameter.name, parameter.initial) - parameter.initial
+                numbers[parameter.name] = value + shift
+        return numbers
 
     def collect_mechanism_numbers(self, values: Sequence[float]) -> dict[str, float]:
         """Return name -> fitted number of the mechanism for parameter ``values``, each in its own unit."""
@@ -330,6 +321,15 @@ class Hypothesis:
     def collect_model_numbers(self, values: Sequence[float]) -> dict[str, float]:
         """Return name -> fitted number of the model of a mechanism for parameter ``values``."""
         return {name: v for name, v in self.collect_mechanism_numbers(values).items() if is_model_number(name)}
+
+
+def _limit_number(key: str, nominal: float, half_range: float) -> tuple[float, float]:
+    """Return the bounds of a fitted number: within ``half_range`` of ``nominal``, with its sign, and plausible.
+
+    A device file with the number is therefore accepted.
+    """
+    lower = max(nominal - half_range, MIN_NUMBER_FRACTION * nominal) if nominal > 0.0 else nominal - half_range
+    return limit_to_plausible(key, nominal, lower, nominal + half_range)
 
 
 def replace_values(spec: DeviceSpec, new_values: Mapping[str, float]) -> DeviceSpec:

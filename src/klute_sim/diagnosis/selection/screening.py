@@ -19,7 +19,9 @@ from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, linearize
 from klute_sim.diagnosis.fitting.number_error import (
+    BOUND_SIGMAS,
     NUMBER_ERROR_NAME,
+    compute_plausible_error,
     list_error_candidates,
     list_model_error_candidates,
 )
@@ -102,14 +104,15 @@ def list_candidate_terms(
     dataset: Dataset,
     only: Sequence[str] = (),
     exclude: Sequence[str] = (),
+    contradicted: Container[str] = (),
 ) -> list[EffectTerm]:
     """Return the effects of the catalogue that the device of ``dataset`` may lack and ``data`` may show.
 
-    Numbers of the device that may be wrong follow. ``only`` and ``exclude`` are names of effects or numbers, or of an
-    effect on one channel, number or tendon (``sensor_gain@force``). Raises InputError for such a name without a
-    candidate.
+    Numbers of the device that may be wrong follow, among them the ``contradicted`` uncertain ones. ``only`` and
+    ``exclude`` are names of effects or numbers, or of an effect on one channel, number or tendon
+    (``sensor_gain@force``). Raises InputError for such a name without a candidate.
     """
-    terms = _list_all_terms(data, dataset)
+    terms = _list_all_terms(data, dataset, contradicted)
     known = {term.qualified_name for term in terms}
     for name in (*only, *exclude):
         if "@" in name and name not in known:
@@ -121,7 +124,23 @@ def _is_among(term: EffectTerm, names: Container[str]) -> bool:
     return term.effect in names or term.qualified_name in names or (term.number is not None and term.number in names)
 
 
-def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
+def list_contradicted_numbers(base_fit: Fit) -> set[str]:
+    """Return the uncertain numbers of the device that the data contradict, although their plausible errors do not.
+
+    These end at their bound in ``base_fit``, and :data:`BOUND_SIGMAS` plausible errors reach beyond it.
+    """
+    hypothesis = base_fit.hypothesis
+    at_bound = (hypothesis.parameters[index] for index in base_fit.find_bounds_reached())
+    return {
+        parameter.name
+        for parameter in at_bound
+        if parameter.name in hypothesis.device.spec.collect_values()
+        and BOUND_SIGMAS * compute_plausible_error(parameter.name, parameter.initial)
+        > parameter.upper - parameter.initial
+    }
+
+
+def _list_all_terms(data: WeightedData, dataset: Dataset, contradicted: Container[str]) -> list[EffectTerm]:
     device = dataset.device
     terms = []
     for effect in catalogue.get_named_effects().values():
@@ -140,7 +159,8 @@ def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
             # Quantisation is detected without a simulation.
             channels = [c for c in data.noise if c in CHANNEL_UNITS and effect is not instrument.QUANTIZATION]
             terms += [EffectTerm(effect.name, effect.forms[0].name, c) for c in channels]
-    numbers = list_error_candidates(device.spec, frozenset(dataset.uncertainties))
+    uncertain = frozenset(key for key in dataset.uncertainties if key not in contradicted)
+    numbers = list_error_candidates(device.spec, uncertain)
     if is_supply_only(data.experiments):
         numbers = {key: error for key, error in numbers.items() if key.partition(".")[0] in PNEUMATIC_SECTIONS}
     model_numbers = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))
