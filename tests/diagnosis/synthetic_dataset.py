@@ -60,8 +60,13 @@ def write_dataset(
     device: str = "klute-3-4-pair",
     distort: Mapping[str, object] | None = None,
     muscle_length: bool = False,
+    holds_command: bool = False,
 ) -> Path:
-    """Write a dataset to ``folder``; ``distort`` (channel -> function of time and value) are instrument errors."""
+    """Write a dataset to ``folder``.
+
+    ``distort`` (channel -> function of time and value) are instrument errors. The command is linear between its
+    samples, or, with ``holds_command``, held until the next one.
+    """
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
     parameters = (base or load_device(device).parameters)._replace(effects=catalogue.pack_effects(effects or {}))
@@ -72,7 +77,10 @@ def write_dataset(
         time = np.arange(len(length)) * INTERVAL
         fine_time = np.arange(1, (len(time) - 1) * STEPS_PER_SAMPLE + 1) * INTERVAL / STEPS_PER_SAMPLE
         initial_state = compute_equilibrium_state(parameters, float(length[0]), float(command[0]))
-        inputs = fine_length[1:], np.interp(fine_time, time, command)
+        fine_command = np.interp(fine_time, time, command)
+        if holds_command:
+            fine_command = np.repeat(command[:-1], STEPS_PER_SAMPLE)
+        inputs = fine_length[1:], fine_command
         response = simulate_rollouts(parameters, *inputs, INTERVAL / STEPS_PER_SAMPLE, initial_state=initial_state)
         for repeat in range(repeats):
             readings = {

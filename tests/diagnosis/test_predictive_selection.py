@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from klute_sim.device.device import load_device
+from klute_sim.diagnosis import absent_effect
+from klute_sim.diagnosis.absent_effect import find_term_without_effect, remove_absent_effects
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.final_model import FinalModel, demote_absent_effect
+from klute_sim.diagnosis.final_model import FinalModel
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals, decide_verdict
@@ -15,7 +17,7 @@ from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, estimate_noise_from_residuals
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_term_without_effect
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
 from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
@@ -335,10 +337,26 @@ def test_effect_that_may_be_absent_is_not_identified(
     fit, simulator = make_fit((GAIN,), [1.0]), Simulator(1)
     data = WeightedData(simulator, make_repeats([np.linspace(0.0, 500.0, 100)] * 2), {})
     selected = FinalModel(verdict, ["a reason"], data, make_fit(()), fit, [interval], [], [], has_converged=True)
-    doubted = demote_absent_effect(selected)
+    doubted = remove_absent_effects(selected)
     assert doubted.verdict == expected
     assert doubted.reasons[-1] == "a reason"
     assert ("contains the value without effect, 1" in doubted.reasons[0]) == (expected != verdict)
+    simulator.close()
+
+
+def test_effect_beside_one_that_may_be_absent_is_identified_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit, reduced, simulator = make_fit((FRICTION, GAIN), [1.0, 1.0]), make_fit((FRICTION,), [1.0]), Simulator(1)
+    monkeypatch.setattr(absent_effect, "refit_without_term", lambda data, current, term: reduced)
+    intervals = {"after": [(5.0, 60.0)]}
+    monkeypatch.setattr(absent_effect, "compute_confidence_intervals", lambda data, current: intervals["after"])
+    data = WeightedData(simulator, make_repeats([np.linspace(0.0, 500.0, 100)] * 2), {})
+    before = [(5.0, 60.0), (0.97, 1.01)]
+    selected = FinalModel("identified", [], data, make_fit(()), fit, before, [], [], has_converged=True)
+    partial = remove_absent_effects(selected)
+    assert (partial.verdict, partial.final_fit, len(partial.reasons)) == ("identified-in-part", reduced, 1)
+    intervals["after"] = [(-1.0, 60.0)]
+    neither = remove_absent_effects(selected)
+    assert (neither.verdict, neither.final_fit, len(neither.reasons)) == ("unexplained", reduced, 2)
     simulator.close()
 
 

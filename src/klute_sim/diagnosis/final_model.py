@@ -25,7 +25,6 @@ from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import (
     describe_coincidence,
     find_naming_obstacle,
-    find_term_without_effect,
     find_terms_at_bound,
 )
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
@@ -374,20 +373,3 @@ def _decide_verdict(
 def _describe_proxies(final_fit: Fit) -> list[str]:
     proxies = " and ".join(str(term) for term in final_fit.hypothesis.terms if not term.effect_definition.data_driven)
     return [f"Only a proxy was identified: {proxies} explains a part of the misfit."] if proxies else []
-
-
-def demote_absent_effect(selected: FinalModel) -> FinalModel:
-    """Return ``selected``, unexplained where the interval of an identified effect contains its absence.
-
-    With an imperfect law the intervals hold the scatter of the effect between conditions, and predictions decide.
-    """
-    found = find_term_without_effect(selected.final_fit, selected.confidence_intervals)
-    if found is None or selected.verdict != "identified":
-        return selected
-    term, neutral = found
-    value = "declared value" if term.number else "value without effect"
-    reason = (
-        f"The 95 % interval of {term} contains the {value}, {neutral:.4g}: the repeats disagree about it "
-        "by more than it is. More repeats, or larger motion and pressure steps, would tell."
-    )
-    return selected._replace(verdict="unexplained", reasons=[reason, *selected.reasons])

@@ -6,13 +6,15 @@ verdict, and they decide which device is recommended.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from klute_sim.datasets.dataset import Dataset, split_dataset
 from klute_sim.datasets.split import Split
 from klute_sim.diagnosis import data_quality
+from klute_sim.diagnosis.absent_effect import remove_absent_effects
 from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
@@ -21,7 +23,6 @@ from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.final_model import (
     FinalModel,
-    demote_absent_effect,
     select_adequate_model,
     select_decisive_term,
     select_imperfect_model,
@@ -103,26 +104,12 @@ def _run_workflow(
         experiments, quantizers = detect_quantizers(experiments, fitted)
         experiments, remarks = add_noise_scales(experiments, fitted, simulator)
         reasons += remarks
-        fitted = [e for e in experiments if e.use == "fit" and e.measured]
     progress(0.1, "fitting the device without added effects")
-    base_fit, data = fit_base_device(dataset, fitted, simulator, cache)
-    validation = [e for e in experiments if e.use == "validation" and e.measured.keys() & data.noise]
-    validation_data = [
-        data.with_experiments([e for e in validation if e.group == group])
-        for group in repeats.group_repeats(validation)
-    ]
-    contradicted = list_contradicted_numbers(base_fit)
-    candidate_terms = list_candidate_terms(data, dataset, options.only, options.exclude, contradicted)
-    search = ForwardSelection(
-        data,
-        validation_data,
-        candidate_terms,
-        lambda stage: progress(0.2, stage),
-        data_quality.has_repeats(fitted),
-        dataset.tolerance,
-    )
-    selected = _select_model(search, experiments, base_fit, options, progress)
-    selected = demote_absent_effect(selected)
+    outcome = _search_model(dataset, experiments, simulator, cache, options, progress)
+    if outcome.selected.verdict != "nothing-missing":
+        outcome, remarks = _compare_with_held_commands(dataset, outcome, simulator, cache, options, progress)
+        reasons += remarks
+    experiments, data, search, base_fit, selected = outcome
     if quantizers and "quantisation" not in options.exclude:
         sentences = [_describe_quantization(c, q) for c, q in quantizers.items()]
         verdict = "identified" if selected.verdict == "nothing-missing" else selected.verdict
@@ -178,6 +165,96 @@ def _run_workflow(
     )
     progress(1.0, "done")
     return diagnosis
+
+
+class _Outcome(NamedTuple):
+    """The model that was selected, for one course of the commands between their samples."""
+
+    experiments: list[Experiment]
+    """All trials."""
+    data: WeightedData
+    """The fitted trials."""
+    search: ForwardSelection
+    """The search for effects."""
+    base_fit: Fit
+    """Fit without added effects."""
+    selected: FinalModel
+    """The selected model."""
+
+    def compute_bic(self, data: WeightedData) -> float:
+        """Return the Bayesian information criterion of the final model, with the noise and samples of ``data``."""
+        fit, own_data = self.selected.final_fit, data.with_experiments(self.data.experiments)
+        residuals = own_data.weight_residuals(own_data.compute_residuals(fit.hypothesis, [fit.x])[0])
+        n_effects = len(fit.x) - fit.hypothesis.n_prior_parameters
+        priors = fit.x[: fit.hypothesis.n_prior_parameters]
+        return float(residuals @ residuals + priors @ priors + n_effects * np.log(data.n_effective))
+
+
+def _search_model(
+    dataset: Dataset,
+    experiments: list[Experiment],
+    simulator: Simulator,
+    cache: FitCache,
+    options: DiagnosisOptions,
+    progress: ProgressCallback,
+) -> _Outcome:
+    """Return the model that is selected for ``experiments``."""
+    fitted = [e for e in experiments if e.use == "fit" and e.measured]
+    base_fit, data = fit_base_device(dataset, fitted, simulator, cache)
+    validation = [e for e in experiments if e.use == "validation" and e.measured.keys() & data.noise]
+    validation_data = [
+        data.with_experiments([e for e in validation if e.group == group])
+        for group in repeats.group_repeats(validation)
+    ]
+    contradicted = list_contradicted_numbers(base_fit)
+    search = ForwardSelection(
+        data,
+        validation_data,
+        list_candidate_terms(data, dataset, options.only, options.exclude, contradicted),
+        lambda stage: progress(0.2, stage),
+        data_quality.has_repeats(fitted),
+        dataset.tolerance,
+    )
+    selected = _select_model(search, experiments, base_fit, options, progress)
+    return _Outcome(experiments, data, search, base_fit, remove_absent_effects(selected))
+
+
+def _compare_with_held_commands(
+    dataset: Dataset,
+    linear: _Outcome,
+    simulator: Simulator,
+    cache: FitCache,
+    options: DiagnosisOptions,
+    progress: ProgressCallback,
+) -> tuple[_Outcome, list[str]]:
+    """Return the outcome with linear or with held commands, whichever explains the data better, and what to say of it.
+
+    A delay of up to a sampling interval of the command may be a course of the command between its samples. ``linear``
+    is the outcome with linear commands. Held ones are tried where they reduce the misfit of its device without effects.
+    """
+    experiments = [e.held_variant or e for e in linear.experiments]
+    fitted = [e for e in experiments if e.use == "fit" and e.measured]
+    if not any(e.holds_command for e in fitted):
+        return linear, []
+    data, base_fit = linear.data.with_experiments(fitted), linear.base_fit
+    residuals = data.weight_residuals(data.compute_residuals(base_fit.hypothesis, [base_fit.x])[0])
+    priors = base_fit.x[: base_fit.hypothesis.n_prior_parameters]
+    if residuals @ residuals + priors @ priors > base_fit.chi2:
+        return linear, []
+    progress(0.2, "fitting with commands that are held until the next sample")
+    held = _search_model(dataset, experiments, simulator, cache, options, progress)
+    difference = linear.compute_bic(linear.data) - held.compute_bic(linear.data)
+    # What the course of the command explains as well needs no name.
+    has_fewer_names = len(held.selected.final_fit.hypothesis.terms) < len(linear.selected.final_fit.hypothesis.terms)
+    if held.selected.verdict == "unexplained" != linear.selected.verdict:
+        return linear, []
+    if difference <= (-1.0 if has_fewer_names else 1.0) * linear.search.bic_threshold:
+        return linear, []
+    remark = (
+        "The commands are taken as held until their next sample; straight lines between samples act up to a sampling "
+        f"interval earlier, and with them BIC changes by {difference:+.0f}."
+    )
+    return held, [remark]
 
 
 def _select_model(

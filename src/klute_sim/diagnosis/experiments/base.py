@@ -207,6 +207,8 @@ class Experiment(ABC):
     """Specimen of the device that was measured."""
     devices: Mapping[str, Device] = field(default_factory=dict)
     """Tendon -> device of a mechanism; empty on a rig with one device."""
+    holds_command: bool = False
+    """Whether each command is held until the next sample; otherwise it is linear between samples."""
     noisy_variants: "tuple[Experiment, ...]" = ()
     """For each prescribed channel with stated noise: the trial with this channel off by one standard deviation."""
 
@@ -253,6 +255,11 @@ class Experiment(ABC):
     def input_variants(self) -> "tuple[tuple[Experiment, ...], ...]":
         """For each input with samples far apart: the trial with other courses of this input between its samples."""
         return ()
+
+    @property
+    def held_variant(self) -> "Experiment | None":
+        """The same trial with commands that are held until the next sample; None where that changes nothing."""
+        return None
 
     @property
     @abstractmethod

@@ -2,9 +2,11 @@
 
 Prescribed channels are denoised only where that is safe (:mod:`klute_sim.diagnosis.experiments.denoise`): a smooth
 curve through the noise of a quick release would have a larger error than its samples. The command is linear between
-its samples. The length follows a curve, because a machine has mass: a straight line would be short by up to
-``a h^2 / 8`` for an acceleration of a and a sampling interval of h, which is 0.04 mm at 12 m/s^2 and 200 Hz, in all
-repeats alike. The curve does not overshoot where a motion ends in a hold (modified Akima interpolation).
+its samples, or held until the next one, as the data decide: a controller that sets it at each sample holds it, and
+straight lines begin up to a sampling interval early. The length follows a curve, because a machine has mass: a straight
+line would be short by up to ``a h^2 / 8`` for an acceleration of a and a sampling interval of h, which is 0.04 mm at
+12 m/s^2 and 200 Hz, in all repeats alike. The curve does not overshoot where a motion ends in a hold (modified Akima
+interpolation).
 """
 
 import math
@@ -74,6 +76,8 @@ class BenchExperiment(Experiment):
     """Other courses of the length [m] between samples that are far apart."""
     other_commands: tuple[Array, ...] = field(default=(), kw_only=True)
     """Other courses of the command [Pa] between samples that are far apart."""
+    held_command: Array | None = field(default=None, kw_only=True)
+    """Command [Pa] that is held until the next sample, one value per time step; None where it is constant."""
     supply_substeps: int = field(default=SUPPLY_SUBSTEPS, kw_only=True)
     """Divisor of the time step for a supply with a valve or a tank."""
 
@@ -91,6 +95,7 @@ class BenchExperiment(Experiment):
             command=command,
             other_lengths=(),
             other_commands=(),
+            held_command=None,
             supply_substeps=1,
         )
 
@@ -112,6 +117,13 @@ class BenchExperiment(Experiment):
             tuple(replace(plain, command=command) for command in self.other_commands),
         )
         return tuple(variants for variants in by_input if variants)
+
+    @property
+    def held_variant(self) -> Experiment | None:
+        """The trial with a command that is held until the next sample; None where it is constant."""
+        if self.held_command is None:
+            return None
+        return replace(self, command=self.held_command, held_command=None, holds_command=True)
 
     @property
     def prescribed_input(self) -> PrescribedInput:
@@ -215,6 +227,7 @@ def prepare_bench_trial(trial: Trial, use: Use) -> BenchExperiment:
         initial_pressure=_estimate_initial_pressure(trial) if is_moving else None,
         other_lengths=_list_other_lengths(time, length),
         other_commands=list_other_commands(time, command),
+        held_command=hold_command(time, dt, command),
         trusted=trial.trusted,
         limits=trial.limits,
         specimen=trial.specimen,
@@ -268,6 +281,18 @@ def interpolate_smoothly(time: Array, sample_time: Array, samples: Array) -> Arr
     """
     curve = Akima1DInterpolator(sample_time, samples, method="makima")
     return np.asarray(curve(np.clip(time, sample_time[0], sample_time[-1])), np.float64)
+
+
+def hold_command(time: Array, dt: float, command: TimeSeries) -> Array | None:
+    """Return ``command`` [Pa] in the time steps that end at ``time`` [s], held until its next sample: (steps,).
+
+    ``dt`` is the time step [s]. Returns None for a constant command.
+    """
+    values = denoise(command.time, command.value)
+    if not np.ptp(values):
+        return None
+    last = np.searchsorted(command.time, time - 0.5 * dt, side="right") - 1
+    return values[np.clip(last, 0, len(values) - 1)]
 
 
 def list_other_commands(time: Array, command: TimeSeries) -> tuple[Array, ...]:

@@ -25,6 +25,7 @@ from klute_sim.diagnosis.experiments.bench import (
     MOVING_WARM_UP_FRACTION,
     MOVING_WARM_UP_TIME,
     STATIONARY_SPEED,
+    hold_command,
     list_other_commands,
 )
 from klute_sim.diagnosis.experiments.denoise import denoise
@@ -64,6 +65,8 @@ class MechanismExperiment(Experiment):
     """Prescribed channel -> values [SI], one per time step."""
     other_inputs: tuple[tuple[Mapping[str, Array], ...], ...] = field(default=(), kw_only=True)
     """For each command with samples far apart: the inputs with its other courses between the samples."""
+    held_commands: Mapping[str, Array] = field(default_factory=dict, kw_only=True)
+    """Command that is not constant -> values [Pa] that are held until the next sample, one per time step."""
     numbers: Mapping[str, float] = field(kw_only=True)
     """Numbers of the model that differ from its file."""
     initial_positions: Mapping[str, float] = field(kw_only=True)
@@ -86,7 +89,17 @@ class MechanismExperiment(Experiment):
             command=self.command[factor - 1 :: factor],
             unit_length=None if self.unit_length is None else self.unit_length[factor - 1 :: factor],
             other_inputs=(),
+            held_commands={},
         )
+
+    @property
+    def held_variant(self) -> Experiment | None:
+        """The trial with commands that are held until the next sample; None where all are constant."""
+        if not self.held_commands:
+            return None
+        name = next(name for name, values in self.inputs.items() if values is self.command)
+        inputs = {**self.inputs, **self.held_commands}
+        return replace(self, inputs=inputs, command=inputs[name], held_commands={}, holds_command=True)
 
     @property
     def input_variants(self) -> tuple[tuple[Experiment, ...], ...]:
@@ -225,6 +238,11 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         for name, samples in series.items()
         if (variants := _list_other_courses(name, samples, time))
     )
+    held_commands = {
+        name: held
+        for name, samples in series.items()
+        if parse_channel(name).quantity == "pressure_command" and (held := hold_command(time, dt, samples)) is not None
+    }
     pressure_name = next(n for n, b in mechanism.bindings.items() if b.name == next(iter(declared.devices)))
     positions = {
         binding.name: _interpolate_finite(trial.measured[name], time)
@@ -253,6 +271,7 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         outputs={name: binding for name, binding in outputs.items() if name in trial.measured},
         inputs=inputs,
         other_inputs=other_inputs,
+        held_commands=held_commands,
         numbers=trial.model_numbers,
         initial_positions={joint: float(values[0]) for joint, values in positions.items()} | dict(stated.positions),
         initial_velocities=velocities,

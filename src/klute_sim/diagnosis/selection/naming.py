@@ -1,7 +1,7 @@
 """Obstacles to a name: a parameter at its bound, an impossible part or instrument, a short delay, a coincidence."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -87,24 +87,6 @@ def find_unresolved_delay(data: WeightedData, fit: Fit) -> EffectTerm | None:
 def find_terms_at_bound(fit: Fit) -> list[EffectTerm]:
     """Return the terms of ``fit`` that have a parameter at its bound, each once."""
     return list(dict.fromkeys(term for term, _, _ in _iterate_bounds_reached(fit)))
-
-
-def find_term_without_effect(fit: Fit, intervals: Sequence[tuple[float, float]]) -> tuple[EffectTerm, float] | None:
-    """Return a term of ``fit`` whose only parameter may be the value without effect, and this value.
-
-    That of a wrong number is the declared one. ``intervals`` hold the 95 % interval of each parameter. They follow from
-    the differences between repeats or conditions, so they may contain that value although the fit is much better with
-    the term. Returns None without such a term.
-    """
-    rows = list(zip(fit.hypothesis.parameters, intervals, strict=True))
-    for index, term in enumerate(fit.hypothesis.terms):
-        own = [(parameter, interval) for parameter, interval in rows if parameter.term_index == index]
-        if len(own) != 1:
-            continue
-        parameter, (low, high) = own[0]
-        if not parameter.is_logarithmic and low <= parameter.initial <= high:  # a shape has no value without effect
-            return term, parameter.initial
-    return None
 
 
 def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter, float]]:

@@ -1,0 +1,53 @@
+"""Effects of a model that may be absent: their 95 % interval contains the value without effect."""
+
+from collections.abc import Sequence
+
+from klute_sim.diagnosis.final_model import FinalModel
+from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.selection.forward_selection import refit_without_term
+
+
+def find_term_without_effect(fit: Fit, intervals: Sequence[tuple[float, float]]) -> tuple[EffectTerm, float] | None:
+    """Return a term of ``fit`` whose only parameter may be the value without effect, and this value.
+
+    That of a wrong number is the declared one. ``intervals`` hold the 95 % interval of each parameter. They follow from
+    the differences between repeats or conditions, so they may contain that value although the fit is much better with
+    the term. Returns None without such a term.
+    """
+    rows = list(zip(fit.hypothesis.parameters, intervals, strict=True))
+    for index, term in enumerate(fit.hypothesis.terms):
+        own = [(parameter, interval) for parameter, interval in rows if parameter.term_index == index]
+        if len(own) != 1:
+            continue
+        parameter, (low, high) = own[0]
+        if not parameter.is_logarithmic and low <= parameter.initial <= high:  # a shape has no value without effect
+            return term, parameter.initial
+    return None
+
+
+def remove_absent_effects(selected: FinalModel) -> FinalModel:
+    """Return ``selected`` without effects whose interval contains their absence; then the names are a part.
+
+    If such an effect is the only one, it stays as a proxy. With an imperfect law the intervals hold the scatter of the
+    effect between conditions, and predictions decide.
+    """
+    found = find_term_without_effect(selected.final_fit, selected.confidence_intervals)
+    if found is None or selected.verdict != "identified":
+        return selected
+    reasons = []
+    while found is not None:
+        term, neutral = found
+        value = "declared value" if term.number else "value without effect"
+        reasons.append(
+            f"The 95 % interval of {term} contains the {value}, {neutral:.4g}: the repeats disagree about it "
+            "by more than it is. More repeats, or larger motion and pressure steps, would tell."
+        )
+        if len(selected.final_fit.hypothesis.terms) == 1:
+            return selected._replace(verdict="unexplained", reasons=[*reasons, *selected.reasons])
+        fit = refit_without_term(selected.data, selected.final_fit, term)
+        intervals = compute_confidence_intervals(selected.data, fit)
+        selected = selected._replace(final_fit=fit, confidence_intervals=intervals)
+        found = find_term_without_effect(fit, intervals)
+    return selected._replace(verdict="identified-in-part", reasons=[*reasons, *selected.reasons])

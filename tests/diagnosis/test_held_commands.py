@@ -1,0 +1,57 @@
+"""Commands that a controller holds from sample to sample: they are no delay of the device."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.datasets.dataset import load_dataset
+from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
+from klute_sim.diagnosis.workflow import diagnose
+from tests.diagnosis.synthetic_dataset import write_dataset
+from tests.diagnosis.test_trial_quality import make_trial
+
+INTERVAL_S = 0.005
+
+
+def test_held_command_changes_at_its_samples() -> None:
+    command = np.repeat([1e5, 3e5, 2e5], 40)
+    linear = prepare_bench_trial(make_trial(INTERVAL_S, command), "fit")
+    held = linear.held_variant
+    assert isinstance(held, BenchExperiment)
+    assert held.holds_command
+    assert held.held_variant is None
+    ends = linear.start_time + linear.dt * np.arange(1, len(held.command) + 1)
+    is_after = ends > 40 * INTERVAL_S + 0.5 * linear.dt  # the step ends after the sample with the new value
+    assert (held.command[is_after & (ends < 79 * INTERVAL_S)] == 3e5).all()
+    assert (held.command[~is_after] == 1e5).all()
+    assert np.ptp(linear.command[(ends > 39 * INTERVAL_S) & ~is_after]) > 1.8e5  # straight lines begin earlier
+    assert held.coarse_variant.command == pytest.approx(held.command[1::2])
+
+
+def test_constant_command_has_no_other_course() -> None:
+    assert prepare_bench_trial(make_trial(INTERVAL_S, np.full(120, 2e5)), "fit").held_variant is None
+
+
+@pytest.mark.slow
+def test_held_command_is_no_delay(tmp_path: Path) -> None:
+    diagnosis = diagnose(load_dataset(write_dataset(tmp_path / "d", holds_command=True)))
+    assert diagnosis.verdict == "nothing-missing"
+    assert any("held until their next sample" in reason for reason in diagnosis.reasons)
+
+
+@pytest.mark.slow
+def test_delay_of_held_commands_is_known_to_one_sampling_interval(tmp_path: Path) -> None:
+    hidden = {("pressure_delay", "dead_time"): {"delay_s": 0.02}}
+    diagnosis = diagnose(load_dataset(write_dataset(tmp_path / "d", hidden, holds_command=True)))
+    assert [term.effect for term in diagnosis.added_terms] == ["pressure_delay"]
+    assert diagnosis.final_fit is not None
+    assert 0.0198 < diagnosis.final_fit.values[-1] < 0.0202 + INTERVAL_S
+
+
+@pytest.mark.slow
+def test_delay_below_a_sampling_interval_is_found_where_commands_are_linear(tmp_path: Path) -> None:
+    hidden = {("pressure_delay", "dead_time"): {"delay_s": 0.6 * INTERVAL_S}}
+    diagnosis = diagnose(load_dataset(write_dataset(tmp_path / "d", hidden)))
+    assert [term.effect for term in diagnosis.added_terms] == ["pressure_delay"]
+    assert not any("held until" in reason for reason in diagnosis.reasons)
