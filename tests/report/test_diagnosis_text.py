@@ -8,6 +8,7 @@ import pytest
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.localization.equation_residuals import EquationResidual
+from klute_sim.diagnosis.probability import estimate_probabilities
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.report.diagnosis import text as words
 
@@ -61,6 +62,17 @@ def test_title_of_the_table_tells_effects_from_numbers(diagnosis: Diagnosis) -> 
     assert words.format_effects_title(replace(diagnosis, added_terms=(number,))) == "Corrected numbers"
     both = replace(diagnosis, added_terms=(effect, number))
     assert words.format_effects_title(both) == "Added effects and corrected numbers"
+
+
+def test_what_a_tolerance_permits_may_be_missing(diagnosis: Diagnosis) -> None:
+    nothing = replace(diagnosis, verdict="nothing-missing", added_terms=(), final_fit=diagnosis.base_fit)
+    tolerated = replace(nothing, selection_history=[])
+    assert words.describe_verdict(tolerated).endswith("within the stated tolerance.")
+    searched, unsearched = (estimate_probabilities(one) for one in (nothing, tolerated))
+    assert searched is not None
+    assert unsearched is not None
+    assert searched.nothing_missing > 0.9
+    assert unsearched.nothing_missing < 0.2  # the misfit is several times the noise
 
 
 def test_weights_of_coarse_inputs_are_mentioned(diagnosis: Diagnosis) -> None:

@@ -52,7 +52,10 @@ def estimate_probabilities(diagnosis: Diagnosis) -> Probabilities | None:
         return None
     calibration = load_calibration()
     size = measure_misfit_size(diagnosis.channel_rms)
-    nothing = compute_logistic(calibration["nothing_missing"], list_nothing_features(diagnosis.verdict, size))
+    # What a tolerance permits may be missing all the same.
+    is_tolerated = diagnosis.verdict == "nothing-missing" and not diagnosis.selection_history
+    features = list_nothing_features("tolerated" if is_tolerated else diagnosis.verdict, size)
+    nothing = compute_logistic(calibration["nothing_missing"], features)
     names = {
         term: compute_logistic(calibration["names"], list_name_features(diagnosis.verdict, evidence.margin, size))
         for term, evidence in collect_evidence(diagnosis).items()

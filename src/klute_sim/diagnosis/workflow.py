@@ -17,7 +17,7 @@ from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.absent_effect import remove_absent_effects
 from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
-from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
+from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -48,6 +48,12 @@ from klute_sim.diagnosis.planning.gait_proposals import propose_gait_experiment
 from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
 from klute_sim.diagnosis.planning.proposals import propose_experiment
 from klute_sim.diagnosis.recording_faults import suspect_absolute_pressures
+from klute_sim.diagnosis.remarks import (
+    describe_contradicted_numbers,
+    describe_exceeded_tolerance,
+    describe_quantization,
+    describe_refitted_numbers,
+)
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import has_several_specimens
@@ -111,14 +117,16 @@ def _run_workflow(
         reasons += remarks
     experiments, data, search, base_fit, selected = outcome
     if quantizers and "quantisation" not in options.exclude:
-        sentences = [_describe_quantization(c, q) for c, q in quantizers.items()]
+        sentences = [describe_quantization(c, q) for c, q in quantizers.items()]
         verdict = "identified" if selected.verdict == "nothing-missing" else selected.verdict
         selected = selected._replace(verdict=verdict, reasons=[*sentences, *selected.reasons])
     fit = selected.final_fit
     names = [parameter.name for parameter in fit.hypothesis.parameters]
     reasons += describe_registration(zip(names, fit.values, selected.confidence_intervals, strict=True))
     reasons += filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
-    reasons += _describe_contradicted_numbers(fit)
+    reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit)]
+    if dataset.tolerance and selected.verdict != "nothing-missing":
+        reasons += describe_exceeded_tolerance(search, base_fit)
     if not selected.has_converged:
         reasons.append(
             "The final fit did not converge, or a restart from another point ended elsewhere; treat its values with "
@@ -332,23 +340,3 @@ def fit_base_device(
         noise = estimate_noise(experiments, fit.residuals)
     assert fit is not None
     return fit, data
-
-
-def _describe_contradicted_numbers(fit: Fit) -> list[str]:
-    """Return a sentence for each wrong number that was declared uncertain, by less than it is wrong."""
-    deviations = dict(fit.hypothesis.uncertainties)
-    rows = zip(fit.hypothesis.parameters, fit.values, strict=True)
-    wrong = [(p, value, deviations[p.name]) for p, value in rows if p.term_index is not None and p.name in deviations]
-    return [
-        f"{p.name} is declared as {p.initial:.4g} with a standard deviation of {deviation:.3g}; the data need "
-        f"{abs(value - p.initial) / deviation:.1f} of these."
-        for p, value, deviation in wrong
-    ]
-
-
-def _describe_quantization(channel: str, quantizer: Quantizer) -> str:
-    unit, si = CHANNEL_UNITS[channel]
-    return (
-        f"'{channel}' is quantised in steps of {quantizer.resolution / si:.4g} {unit}, "
-        f"{1.0 / quantizer.dither:.1f} times the noise before quantisation; the step is that of the measured values."
-    )

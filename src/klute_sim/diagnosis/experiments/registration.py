@@ -4,6 +4,7 @@ A force plate, markers and a prosthesis are three systems of coordinates. Small 
 about the ankle in every stride alike, so they are fitted with their usual size as a prior before any effect is named.
 """
 
+import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -61,12 +62,12 @@ def correct_inputs(inputs: ReplayInputs, vertical_load: Array, registration: Reg
 
 
 REGISTRATION_WORDS = {
-    "registration.cop_to_ankle_mm": "the centre of pressure lies {value} mm further in front of the ankle axis",
-    "registration.ankle_height_mm": "the ankle axis lies {value} mm higher",
-    "registration.plate_gain_pct": "the forces of the plate are {value} % larger",
-    "registration.ankle_zero_deg": "the zero of the ankle angle is {value} degrees higher",
+    "registration.cop_to_ankle_mm": ("the centre of pressure lies {size} mm further {direction}", "forward", "back"),
+    "registration.ankle_height_mm": ("the ankle axis lies {size} mm {direction}", "higher", "lower"),
+    "registration.plate_gain_pct": ("the forces of the plate are {size} % {direction}", "larger", "smaller"),
+    "registration.ankle_zero_deg": ("the zero of the ankle angle is {size} degrees {direction}", "higher", "lower"),
 }
-"""Name -> statement about the corrected set-up."""
+"""Name -> statement about the corrected set-up, and the directions of a positive and of a negative correction."""
 MIN_REPORTED_SIGMAS = 0.5
 """Smallest correction that is reported, in standard deviations of its prior (assumed)."""
 
@@ -76,13 +77,13 @@ def describe_registration(rows: Iterable[tuple[str, float, tuple[float, float]]]
 
     ``rows`` are names, fitted values and 95 % intervals of all parameters, in the units of their names.
     """
-    statements = [
-        REGISTRATION_WORDS[name].format(value=f"{value:+.2g}")
-        for name, value, (low, high) in rows
-        if name in REGISTRATION_WORDS
-        and abs(value) > MIN_REPORTED_SIGMAS * REGISTRATION_DEVIATIONS[name]
-        and low * high > 0.0
-    ]
+    statements = []
+    for name, value, (low, high) in rows:
+        is_large = abs(value) > MIN_REPORTED_SIGMAS * REGISTRATION_DEVIATIONS.get(name, math.inf)
+        if is_large and low * high > 0.0:
+            statement, positive, negative = REGISTRATION_WORDS[name]
+            direction = positive if value > 0.0 else negative
+            statements.append(statement.format(size=f"{abs(value):.2g}", direction=direction))
     if not statements:
         return []
     return [f"The registration of the walks was corrected: {', '.join(statements)} than measured."]

@@ -122,7 +122,7 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "insufficient-data":
         return _describe_insufficient_data(diagnosis)
     if diagnosis.verdict == "nothing-missing" and not diagnosis.selection_history:
-        return "Nothing relevant is missing: the misfit is within the tolerance that the dataset states."
+        return "Nothing relevant is missing: the misfit is within the stated tolerance."
     if diagnosis.verdict == "nothing-missing":
         return "Nothing is missing: the simulation agrees with the data as well as repeats agree with each other."
     if diagnosis.verdict == "unexplained":

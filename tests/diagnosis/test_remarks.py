@@ -1,0 +1,56 @@
+"""Remarks about fitted numbers and tolerances say what, how much, and beside what."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
+from klute_sim.diagnosis.remarks import (
+    describe_contradicted_numbers,
+    describe_exceeded_tolerance,
+    describe_refitted_numbers,
+)
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from tests.diagnosis.synthetic_dataset import make_repeats
+from tests.diagnosis.test_numbers import NOMINAL, make_fit, make_number_term
+
+SLACK = "tendon.slack_length_mm"
+
+
+def test_change_of_an_uncertain_number_is_stated_from_two_standard_deviations_on() -> None:
+    declared = NOMINAL.spec.collect_values()[SLACK]
+    hypothesis = Hypothesis(NOMINAL, ((SLACK, 1.0),), ())
+    assert describe_refitted_numbers(make_fit(hypothesis, np.array([1.9]))) == []
+    (sentence,) = describe_refitted_numbers(make_fit(hypothesis, np.array([2.5])))
+    assert f"{SLACK} from {declared:.4g} to {declared + 2.5:.4g} (2.5)" in sentence
+
+
+def test_number_that_is_wrong_by_more_than_it_is_uncertain_is_compared_with_its_deviation() -> None:
+    hypothesis = Hypothesis(NOMINAL, ((SLACK, 1.0),), (), (make_number_term(SLACK),))
+    parameter = hypothesis.parameters[-1]
+    fit = make_fit(hypothesis, np.array([0.0, parameter.normalize(parameter.initial + 4.0)]))
+    (sentence,) = describe_contradicted_numbers(fit)
+    assert "standard deviation of 1; the data need 4.0 of these" in sentence
+    assert describe_contradicted_numbers(make_fit(Hypothesis(NOMINAL, ((SLACK, 1.0),), ()), np.zeros(1))) == []
+
+
+@pytest.mark.parametrize(("tolerance_n", "is_exceeded"), [(2.0, True), (20.0, False)])
+def test_exceeded_tolerance_is_stated_with_the_misfit(tolerance_n: float, is_exceeded: bool) -> None:
+    rng, wave = np.random.default_rng(0), 8.0 * np.sin(np.linspace(0.0, 20.0, 400))
+    rows = [wave + rng.normal(0.0, 0.5, 400) for _ in range(4)]
+    trials = make_repeats(rows)
+    residuals = [{"force": row} for row in rows]
+    fit = replace(make_fit(Hypothesis(NOMINAL, (), ()), np.zeros(0)), residuals=residuals)
+    simulator = Simulator(1)
+    data = WeightedData(simulator, trials, estimate_noise_from_repeats(trials, residuals))
+    search = ForwardSelection(data, [], [], tolerance={"force": tolerance_n})
+    sentences = describe_exceeded_tolerance(search, fit)
+    assert bool(sentences) == is_exceeded
+    if sentences:
+        assert "force by 5.6" in sentences[0]
+        assert "(tolerance 2 N)" in sentences[0]
+    simulator.close()
