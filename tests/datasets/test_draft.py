@@ -148,6 +148,26 @@ def test_other_files_are_left_out_by_name(tmp_path: Path) -> None:
     assert "humidity" in "".join(left_out)
 
 
+def test_heading_below_a_preamble_and_above_its_units_is_found(tmp_path: Path) -> None:
+    for name, units in (("a", "(s);(mm);(bar);(N)"), ("b", "s;mm;bar;N")):
+        samples = zip(TIME, LENGTH, COMMAND, FORCE, strict=True)
+        rows = [";".join(f"{value:.3f}".replace(".", ",") for value in row) for row in samples]
+        text = ["Messung McKibben;Pruefstand 2", "Zeit;Laenge;Druck Soll;Kraft", units, *rows]
+        (tmp_path / f"{name}.csv").write_text("\n".join(text))
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert (draft.n_trials, draft.remarks) == (2, ())
+    trial = ks.load_dataset(tmp_path).trials[1]
+    assert trial.measured["force"].value == pytest.approx(FORCE, abs=1e-2)
+
+
+def test_files_with_the_same_error_share_a_sentence(tmp_path: Path) -> None:
+    for k in range(5):
+        (tmp_path / f"{k}.csv").write_text("time [s],force [N]\n1,2,3\n")
+    with pytest.raises(InputError, match=r"left out: trial file .*0\.csv and 4 more: line 2 has 3 cells") as refusal:
+        ks.draft_dataset(tmp_path, DEVICE)
+    assert str(refusal.value).count("line 2 has") == 1
+
+
 def test_table_without_time_beside_recordings_is_left_out(tmp_path: Path) -> None:
     for name in "ab":
         write(
@@ -158,7 +178,7 @@ def test_table_without_time_beside_recordings_is_left_out(tmp_path: Path) -> Non
     write(tmp_path / "summary.csv", ["L0_cm", "Fmax_N"], [TIME, FORCE])
     draft = ks.draft_dataset(tmp_path, DEVICE)
     assert draft.n_trials == 2
-    assert "left out: summary.csv: it has no time" in draft.remarks
+    assert f"left out: trial file {tmp_path / 'summary.csv'}: it has no time" in draft.remarks
     assert ks.load_dataset(tmp_path).trials[0].prescribed["length"].value == pytest.approx(LENGTH / 1e3)
 
 

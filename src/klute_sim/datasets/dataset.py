@@ -1,7 +1,6 @@
 """A dataset: a folder of measured trials, read and checked."""
 
 import hashlib
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
@@ -12,6 +11,7 @@ from klute_sim.datasets import checks, declarations
 from klute_sim.datasets import format as file_format
 from klute_sim.datasets.channels import TENSION_CHANNELS, ChannelSource, RigName
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
+from klute_sim.datasets.file_remarks import merge_file_remarks
 from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.initial_state import check_initial_state, parse_initial_state
 from klute_sim.datasets.mechanism import DatasetMechanism, check_model_numbers, load_dataset_mechanism
@@ -27,7 +27,6 @@ from klute_sim.files.reading import MissingFileError, read_bytes
 from klute_sim.plausibility.finding import Finding, require_accepted
 
 DATASET_FILE_NAME = "dataset.toml"
-_FILE_REMARK = re.compile(r"trial file (?P<file>.+?): (?P<text>.+)")
 MAX_LISTED_TRIALS = 5
 """Maximum number of trials that one remark lists."""
 
@@ -314,20 +313,7 @@ def _collect_remarks(trials: Sequence[Trial], file_remarks: Sequence[tuple[str, 
         remarks |= dict.fromkeys(trial_remarks)
         if missing:
             remarks[f"trial '{trial.name}' has no {' and no '.join(missing)}, which its repeats have"] = None
-    return _merge_file_remarks(list(remarks))
-
-
-def _merge_file_remarks(remarks: Sequence[str]) -> list[str]:
-    """Return ``remarks``, where several files with the same one share a sentence."""
-    files: dict[str, list[str]] = {}
-    for remark in remarks:
-        match = _FILE_REMARK.fullmatch(remark)
-        files.setdefault(match["text"] if match else remark, []).append(match["file"] if match else "")
-    merged = []
-    for text, names in files.items():
-        others = f" and {len(names) - 1} more" if len(names) > 1 else ""
-        merged.append(f"trial file {names[0]}{others}: {text}" if names[0] else text)
-    return merged
+    return merge_file_remarks(list(remarks))
 
 
 def _describe_scope(trials: Sequence[Trial], rig: RigName) -> list[str]:

@@ -10,6 +10,7 @@ from klute_sim.datasets.channels import get_measured_units, get_prescribed_units
 from klute_sim.datasets.dataset import DATASET_FILE_NAME
 from klute_sim.datasets.draft.columns import ColumnChoice, RecognizedFile, format_column, recognize_file
 from klute_sim.datasets.draft.repeats import group_repeats
+from klute_sim.datasets.file_remarks import merge_file_remarks
 from klute_sim.datasets.format import FORMAT_NAME
 from klute_sim.datasets.trial import MIN_SAMPLES
 from klute_sim.datasets.trial_files.column_assignment import format_columns
@@ -107,24 +108,25 @@ def _recognize_files(folder: Path, resting_length: float) -> tuple[list[Recogniz
     endings = ", ".join(TRIAL_SUFFIXES)
     if not paths:
         raise InputError(f"the folder {folder} contains no recording; allowed are files that end in {endings}")
-    files, remarks = [], []
+    files, left_out = [], []
     for path in paths:
         try:
             file = recognize_file(path, resting_length)
         except InputError as error:
-            remarks.append(f"left out: {error}")
+            left_out.append(str(error))
             continue
         if any(len(file.samples.get(channel, ())) >= MIN_SAMPLES for channel in get_measured_units("bench")):
             files.append(file)
         else:
             columns = format_columns(file.unused) or "none"
-            remarks.append(
-                f"left out: {path.name}: no column with {MIN_SAMPLES} samples was recognized as force, pressure or "
+            left_out.append(
+                f"trial file {path}: no column with {MIN_SAMPLES} samples was recognized as force, pressure or "
                 f"muscle length; its other columns are {columns}"
             )
     if any("time" in file.choices for file in files):
-        remarks += [f"left out: {file.path.name}: it has no time" for file in files if "time" not in file.choices]
+        left_out += [f"trial file {file.path}: it has no time" for file in files if "time" not in file.choices]
         files = [file for file in files if "time" in file.choices]
+    remarks = [f"left out: {remark}" for remark in merge_file_remarks(left_out)]
     if not files:
         raise InputError(f"no file of {folder} was recognized as a recording of the bench; {'; '.join(remarks)}")
     return files, remarks

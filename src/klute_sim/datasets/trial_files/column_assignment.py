@@ -103,10 +103,12 @@ def assign_columns(
 
 
 def is_known_heading(heading: str, column_units: Mapping[str, str], expressions: Mapping[str, Expression]) -> bool:
-    """Return whether ``heading`` is that of a column in ``column_units``, with or without unit, or in an expression."""
+    """Return whether ``heading`` is that of a column in ``column_units`` or in an expression, with or without unit."""
     names = {heading.casefold(), _split_heading(heading)[0].casefold()}
     return not names.isdisjoint(column_units) or any(
-        column.casefold() in names for expression in expressions.values() for column in expression.columns
+        not names.isdisjoint((column.casefold(), _split_heading(column)[0].casefold()))
+        for expression in expressions.values()
+        for column in expression.columns
     )
 
 

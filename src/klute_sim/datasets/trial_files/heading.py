@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from klute_sim.datasets.unit_conversion import EXAMPLE_UNITS, get_si_factor
 from klute_sim.errors import InputError
 from klute_sim.files import lines
 from klute_sim.files.limits import TRIAL
@@ -19,6 +20,8 @@ NUMBER = re.compile(r"[+-]?(\d++(\.\d*+)?|\.\d++)(e[+-]?\d++)?|[+-]?nan", re.IGN
 _ANY_DELIMITER = re.compile(r"[,;\s\"]")
 _LINE = re.compile(rb"([^\r\n]*)(\r\n|\n|\r|\Z)")
 _UNIT_CELL = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
+_NO_UNIT = frozenset(("", "-", "--"))
+"""Cells of a line of units that state none."""
 _QUOTED = re.compile(r'"[^"]*"')
 _COMMENT_LETTERS = "#% "
 """Letters with which a program may begin the heading."""
@@ -55,8 +58,7 @@ def find_heading(content: bytes, source: str, heading_row: int | None, is_known:
     """Return the heading of ``content``: line ``heading_row``, or the line with most known columns.
 
     ``is_known`` tells whether a cell is the heading of a known column. Without such a line, the heading is the first
-    line that is not blank. A line of units in brackets below the heading belongs to it. Raises InputError when there
-    is no heading.
+    line that is not blank. A line of units below the heading belongs to it. Raises InputError when there is no heading.
     """
     line = _get_line(content, source, heading_row) if heading_row else _search_line(content, is_known)
     cells, delimiter = _split(_decode(line.content), source)
@@ -150,13 +152,21 @@ def _split(text: str, source: str) -> tuple[tuple[str, ...], str]:
 
 
 def _read_units(line: bytes, delimiter: str, n_cells: int) -> list[str] | None:
-    """Return the unit of each column if ``line`` holds units in brackets and nothing else."""
+    """Return the unit of each column if ``line`` holds units and nothing else.
+
+    They stand in brackets; or no cell is a number, at least half are units of channels, and the others, such as ``V``,
+    are taken for units too.
+    """
     try:
         cells = _split_cells(_decode(line), delimiter)
     except csv.Error:
         return None
-    matches = [_UNIT_CELL.fullmatch(cell) for cell in cells]
-    is_unit_line = any(matches) and all(match or not cell for match, cell in zip(matches, cells, strict=True))
-    if len(cells) != n_cells or not is_unit_line:
+    if len(cells) != n_cells:
         return None
-    return [(match[1] or match[2] or "").strip() if match else "" for match in matches]
+    matches = [_UNIT_CELL.fullmatch(cell) for cell in cells]
+    if any(matches) and all(match or not cell for match, cell in zip(matches, cells, strict=True)):
+        return [(match[1] or match[2] or "").strip() if match else "" for match in matches]
+    n_units = sum(any(get_si_factor(cell, si) is not None for si in EXAMPLE_UNITS) for cell in cells if cell)
+    if n_units == 0 or 2 * n_units < sum(map(bool, cells)) or any(NUMBER.match(cell) for cell in cells):
+        return None
+    return ["" if cell in _NO_UNIT else cell for cell in cells]

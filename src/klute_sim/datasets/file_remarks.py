@@ -1,0 +1,19 @@
+"""Remarks about trial files: several files with the same one share a sentence."""
+
+import re
+from collections.abc import Sequence
+
+_FILE_REMARK = re.compile(r"trial file (?P<file>.+?): (?P<text>.+)")
+
+
+def merge_file_remarks(remarks: Sequence[str]) -> list[str]:
+    """Return ``remarks``, where several files with the same one share a sentence."""
+    files: dict[str, list[str]] = {}
+    for remark in remarks:
+        match = _FILE_REMARK.fullmatch(remark)
+        files.setdefault(match["text"] if match else remark, []).append(match["file"] if match else "")
+    merged = []
+    for text, names in files.items():
+        others = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        merged.append(f"trial file {names[0]}{others}: {text}" if names[0] else text)
+    return merged
