@@ -50,6 +50,23 @@ def test_words_and_units_name_a_channel(heading: str, channel: str, unit: str) -
     assert (meaning.channel, meaning.unit) == (channel, unit)
 
 
+@pytest.mark.parametrize(
+    ("heading", "channel"),
+    [
+        ("Load cell (counts)", "force"),
+        ("load_cell_raw", "force"),
+        ("F [mV/V]", "force"),
+        ("pressure (V)", "pressure"),
+        ("p_set_V", "pressure_command"),
+        ("stroke ADC", "length"),
+    ],
+)
+def test_reading_without_calibration_is_that_of_a_channel(heading: str, channel: str) -> None:
+    meaning = interpret_heading(heading)
+    assert meaning is not None
+    assert (meaning.channel, meaning.unit, meaning.is_raw) == (channel, "", True)
+
+
 @pytest.mark.parametrize("heading", ["AIN3 [V]", "angle [deg]", "note", "force setpoint [N]", "position cmd [mm]", ""])
 def test_other_columns_are_no_channel(heading: str) -> None:
     assert interpret_heading(heading) is None
@@ -100,6 +117,28 @@ def test_displacement_gets_the_resting_length_and_a_remark(tmp_path: Path) -> No
     draft = ks.draft_dataset(tmp_path, DEVICE)
     assert any("displacement" in remark and "350 mm" in remark for remark in draft.remarks)
     assert ks.load_dataset(tmp_path).trials[0].prescribed["length"].value == pytest.approx(LENGTH / 1e3)
+
+
+def test_raw_reading_waits_for_its_calibration(tmp_path: Path) -> None:
+    columns = [TIME, LENGTH, COMMAND, 40.0 * FORCE + 8400.0]
+    write(tmp_path / "a.csv", ["time [s]", "length [mm]", "P [bar]", "Load cell (counts)"], columns)
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    line = '# force = "(`Load cell (counts)` - ZERO) * SCALE [N]"   # to do'
+    assert line in draft.text
+    assert any("SCALE the N per step" in remark for remark in draft.remarks)
+    with pytest.raises(InputError, match="no channel is measured"):
+        ks.load_dataset(tmp_path)
+    draft.path.write_text(draft.text.replace(line, 'force = "(`Load cell (counts)` - 8400) * 0.025 [N]"'), "utf-8")
+    assert ks.load_dataset(tmp_path).trials[0].measured["force"].value == pytest.approx(FORCE)
+
+
+def test_calibrated_column_comes_before_a_raw_reading(tmp_path: Path) -> None:
+    headings = ["time [s]", "length [mm]", "cmd [bar]", "force (V)", "Load [N]"]
+    write(tmp_path / "a.csv", headings, [TIME, LENGTH, COMMAND, FORCE / 100.0, FORCE])
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert "SCALE" not in draft.text
+    assert "not used: the columns 'force (V)'" in draft.remarks
+    assert ks.load_dataset(tmp_path).trials[0].measured["force"].value == pytest.approx(FORCE)
 
 
 def test_missing_command_is_replaced_by_the_measured_pressure(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +53,14 @@ class RecognizedFile:
     """Headings of columns of which no channel is known."""
     samples: Mapping[str, Array]
     """Channel or time -> samples [SI]."""
+    raw_choices: Mapping[str, ColumnChoice] = field(default_factory=dict)
+    """Channel of which the file has only a raw reading -> an expression whose calibration the user has to state."""
+    readings: Mapping[str, Array] = field(default_factory=dict)
+    """The same channels -> numbers of that column."""
+
+    def get_output(self, channel: str) -> Array | None:
+        """Return the samples of ``channel`` [SI], or its raw reading; None where the file has neither."""
+        return self.samples.get(channel, self.readings.get(channel))
 
 
 def recognize_file(path: Path, resting_length: float) -> RecognizedFile:
@@ -63,25 +71,35 @@ def recognize_file(path: Path, resting_length: float) -> RecognizedFile:
     """
     content = read_bytes(path, TRIAL)
     file = open_source(content, path, None, lambda heading: interpret_heading(heading) is not None, ())
-    chosen = _choose_headings(file.headings)
+    chosen = _choose_headings(file.headings, is_raw=False)
+    raw = {name: each for name, each in _choose_headings(file.headings, is_raw=True).items() if name not in chosen}
     choices = {
         channel: _describe_column(heading, meaning, has_units=file.has_units)
         for channel, (heading, meaning) in chosen.items()
     }
-    samples = _read_samples(path, choices)
+    readings = {
+        channel: ColumnChoice(heading, f"{format_column(heading)} [{_SI_UNITS[channel]}]")
+        for channel, (heading, _) in raw.items()
+    }
+    numbers = _read_samples(path, {**choices, **readings})
+    samples = {channel: numbers[channel] for channel in choices}
     if "length" in samples and float(np.nanmax(samples["length"])) < MIN_LENGTH_RATIO * resting_length:
         choices["length"] = _add_resting_length(*chosen["length"], resting_length)
-        samples = _read_samples(path, choices)
-    used = {heading for heading, _ in chosen.values()}
-    return RecognizedFile(path, choices, tuple(heading for heading in file.headings if heading not in used), samples)
+        samples |= _read_samples(path, {"length": choices["length"]})
+    raw_choices = {channel: _describe_reading(heading, channel) for channel, (heading, _) in raw.items()}
+    used = {heading for heading, _ in (*chosen.values(), *raw.values())}
+    unused = tuple(heading for heading in file.headings if heading not in used)
+    return RecognizedFile(path, choices, unused, samples, raw_choices, {name: numbers[name] for name in raw})
 
 
-def _choose_headings(headings: Sequence[str]) -> dict[str, tuple[str, HeadingMeaning]]:
+def _choose_headings(headings: Sequence[str], *, is_raw: bool) -> dict[str, tuple[str, HeadingMeaning]]:
     """Return the best heading of each channel, in the order of the channels of the bench."""
-    meanings = [(heading, interpret_heading(heading)) for heading in headings]
     chosen: dict[str, tuple[str, HeadingMeaning]] = {}
-    for heading, meaning in meanings:
-        if meaning is not None and (meaning.channel not in chosen or meaning.rank < chosen[meaning.channel][1].rank):
+    for heading in headings:
+        meaning = interpret_heading(heading)
+        if meaning is None or meaning.is_raw != is_raw:
+            continue
+        if meaning.channel not in chosen or meaning.rank < chosen[meaning.channel][1].rank:
             chosen[meaning.channel] = heading, meaning
     return {channel: chosen[channel] for channel in _SI_UNITS if channel in chosen}
 
@@ -97,6 +115,15 @@ def _describe_column(heading: str, meaning: HeadingMeaning, *, has_units: bool) 
         term += f" - {ATMOSPHERIC_PRESSURE_PA / factor:.6g}"
         remarks.append("the pressure of the room is subtracted, a standard atmosphere")
     return ColumnChoice(heading, f"{term} [{unit}]", "; ".join(remarks))
+
+
+def _describe_reading(heading: str, channel: str) -> ColumnChoice:
+    unit = _DEFAULT_UNITS[_SI_UNITS[channel]]
+    return ColumnChoice(
+        heading,
+        f"(`{heading}` - ZERO) * SCALE [{unit}]",
+        f"this is a raw reading; state its calibration: ZERO is the reading at 0 {unit}, SCALE the {unit} per step",
+    )
 
 
 def _choose_unit(meaning: HeadingMeaning) -> tuple[str, list[str]]:

@@ -63,7 +63,8 @@ def write_dataset_draft(
     files, remarks = _recognize_files(folder, _compute_resting_length(device))
     files, noise = _replace_missing_command(files)
     groups = group_repeats(files)
-    shared = _find_shared_choices(files)
+    shared = _find_shared_choices([file.choices for file in files])
+    shared_raw = _find_shared_choices([file.raw_choices for file in files])
     missing = _list_missing(files)
     n_files = f"{len(files)} {'file' if len(files) == 1 else 'files'}"
     lines = [
@@ -76,14 +77,15 @@ def write_dataset_draft(
         "# anything. Delete those that you know, and add others.",
         "[uncertain]",
         *(f'"{key}" = "{deviation}"' for key, deviation in uncertain.items()),
-        *_format_columns("[columns]", shared, missing),
+        *_format_columns("[columns]", shared, shared_raw, missing),
         *noise,
     ]
     for file, group in zip(files, _name_groups(files, groups), strict=True):
         lines += ["", "[[trial]]", f"files = [{json.dumps(file.path.name)}]"]
         lines += [f"group = {json.dumps(group)}"] if group else []
         own = {channel: choice for channel, choice in file.choices.items() if shared.get(channel) != choice}
-        lines += _format_columns("[trial.columns]", own, {})
+        own_raw = {name: choice for name, choice in file.raw_choices.items() if shared_raw.get(name) != choice}
+        lines += _format_columns("[trial.columns]", own, own_raw, {})
     remarks += [*_describe_choices(files), *missing.values(), *_describe_repeats(groups)]
     text = "\n".join(lines) + "\n"
     try:
@@ -115,7 +117,8 @@ def _recognize_files(folder: Path, resting_length: float) -> tuple[list[Recogniz
         except InputError as error:
             left_out.append(str(error))
             continue
-        if any(len(file.samples.get(channel, ())) >= MIN_SAMPLES for channel in get_measured_units("bench")):
+        outputs = [file.get_output(channel) for channel in get_measured_units("bench")]
+        if any(output is not None and len(output) >= MIN_SAMPLES for output in outputs):
             files.append(file)
         else:
             columns = format_columns(file.unused) or "none"
@@ -152,11 +155,11 @@ def _replace_missing_command(files: list[RecognizedFile]) -> tuple[list[Recogniz
     return changed, lines
 
 
-def _find_shared_choices(files: Sequence[RecognizedFile]) -> dict[str, ColumnChoice]:
+def _find_shared_choices(choices_of_files: Sequence[Mapping[str, ColumnChoice]]) -> dict[str, ColumnChoice]:
     """Return the commonest choice of each channel: those of ``[columns]``."""
     counts: dict[str, Counter[ColumnChoice]] = {}
-    for file in files:
-        for channel, choice in file.choices.items():
+    for choices in choices_of_files:
+        for channel, choice in choices.items():
             counts.setdefault(channel, Counter())[choice] += 1
     return {channel: counter.most_common(1)[0][0] for channel, counter in counts.items()}
 
@@ -165,7 +168,7 @@ def _list_missing(files: Sequence[RecognizedFile]) -> dict[str, str]:
     """Return time and prescribed channels that a file lacks, with a sentence about the files."""
     missing = {}
     for channel in ("time", *get_prescribed_units("bench")):
-        lacking = [file for file in files if channel not in file.choices]
+        lacking = [file for file in files if channel not in {*file.choices, *file.raw_choices}]
         if lacking:
             others = f" and {len(lacking) - 1} more files" if len(lacking) > 1 else ""
             columns = format_columns(lacking[0].unused)
@@ -177,15 +180,23 @@ def _list_missing(files: Sequence[RecognizedFile]) -> dict[str, str]:
     return missing
 
 
-def _format_columns(table: str, choices: Mapping[str, ColumnChoice], missing: Mapping[str, str]) -> list[str]:
-    """Return the lines of ``[columns]`` or ``[trial.columns]``; a channel that is ``missing`` becomes a comment."""
+def _format_columns(
+    table: str, choices: Mapping[str, ColumnChoice], raw: Mapping[str, ColumnChoice], missing: Mapping[str, str]
+) -> list[str]:
+    """Return the lines of ``[columns]`` or ``[trial.columns]``; ``raw`` and ``missing`` channels become comments."""
     lines = []
     for channel, choice in choices.items():
         if choice.expression is not None:
             lines += [f"# {channel}: {choice.remark}; check this"] if choice.remark else []
-            lines.append(f"{channel} = {json.dumps(choice.expression, ensure_ascii=False)}")
+            lines.append(_format_assignment(channel, choice))
+    for channel, choice in raw.items():
+        lines += [f"# {channel}: {choice.remark}", f"# {_format_assignment(channel, choice)}   # to do"]
     lines += [f'# {channel} = "{_EXAMPLES[channel]}"   # to do: no column was recognized' for channel in missing]
     return [*([""] if table == "[columns]" else []), table, *lines] if lines else []
+
+
+def _format_assignment(channel: str, choice: ColumnChoice) -> str:
+    return f"{channel} = {json.dumps(choice.expression, ensure_ascii=False)}"
 
 
 def _name_groups(files: Sequence[RecognizedFile], groups: Sequence[int]) -> list[str]:
@@ -213,6 +224,8 @@ def _describe_choices(files: Sequence[RecognizedFile]) -> list[str]:
         for channel, choice in file.choices.items():
             if choice.remark:
                 remarks.append(f'check {channel} = "{choice.expression}": {choice.remark}')
+        for channel, choice in file.raw_choices.items():
+            remarks.append(f'to do: {channel} = "{choice.expression}": {choice.remark}')
     unused = dict.fromkeys(heading for file in files for heading in file.unused)
     if unused:
         remarks.append(f"not used: the columns {format_columns([*unused])}")

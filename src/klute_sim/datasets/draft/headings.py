@@ -18,8 +18,15 @@ _GAUGE_UNITS = {"barg": "bar", "bar(g)": "bar", "psig": "psi", "psi(g)": "psi", 
 """Unit that says that the pressure is a gauge pressure -> unit."""
 _ABSOLUTE_UNITS = {"bara": "bar", "bar(a)": "bar", "psia": "psi", "psi(a)": "psi", "kpaa": "kPa", "kpa(a)": "kPa"}
 """Unit that says that the pressure is absolute -> unit."""
+_RAW_UNITS = frozenset(("v", "mv", "mv/v", "ma", "count", "counts", "cts", "adc", "lsb", "digit", "digits", "raw"))
+"""Units of readings that become a channel by a calibration only."""
+_RAW_WORDS = frozenset(("raw", "count", "counts", "adc", "lsb", "digits", "volt", "volts", "voltage"))
+"""Words of such readings where no unit is stated."""
 _WEIGHT_UNITS = {"kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 """Unit of a mass on a load cell -> unit of its weight."""
+
+_OTHER_UNITS = _RAW_UNITS | _GAUGE_UNITS.keys() | _ABSOLUTE_UNITS.keys()
+"""Units that no conversion knows."""
 
 _TIME = frozenset(("time", "t", "timestamp", "elapsed", "zeit", "temps", "tiempo"))
 _PRESSURE = frozenset(("pressure", "p", "press", "gauge", "druck", "pression", "presion"))
@@ -52,6 +59,8 @@ class HeadingMeaning(NamedTuple):
     """Whether the heading says that the pressure is absolute."""
     is_shortening: bool = False
     """Whether the heading says that the length grows as the muscle shortens."""
+    is_raw: bool = False
+    """Whether the numbers are a reading without calibration, in volts or counts."""
 
 
 def interpret_heading(heading: str) -> HeadingMeaning | None:
@@ -61,17 +70,18 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     name, stated_unit = _split_unit(heading)
     tokens = {token.lower() for token in _TOKEN.findall(name)}
     key = stated_unit.replace(" ", "").lower()
-    unit = _GAUGE_UNITS.get(key) or _ABSOLUTE_UNITS.get(key) or stated_unit
+    is_raw = key in _RAW_UNITS or (not key and bool(tokens & _RAW_WORDS))
+    unit = "" if is_raw else _GAUGE_UNITS.get(key) or _ABSOLUTE_UNITS.get(key) or stated_unit
     if key in _WEIGHT_UNITS and tokens & (_FORCE | {"weight", "cell"}):
         unit = _WEIGHT_UNITS[key]
     channel = _find_channel(name, tokens, unit)
-    if channel is None:
+    if channel is None or (is_raw and channel == "time"):
         return None
     is_other = 2 * len(tokens & _PROCESSED) + (not tokens & _get_words(channel))
     rank = 0 if name.lower() == channel else MAX_HEADING_LENGTH * is_other + len(tokens)
     is_absolute = channel in ("pressure", "pressure_command") and (key in _ABSOLUTE_UNITS or bool(tokens & _ABSOLUTE))
     is_shortening = channel in ("length", "muscle_length") and bool(tokens & _SHORTENING)
-    return HeadingMeaning(channel, unit, rank, is_absolute, is_shortening)
+    return HeadingMeaning(channel, unit, rank, is_absolute, is_shortening, is_raw)
 
 
 def _split_unit(heading: str) -> tuple[str, str]:
@@ -80,7 +90,7 @@ def _split_unit(heading: str) -> tuple[str, str]:
     if match is not None:
         return match["name"], (match["square"] or match["round"] or "").strip()
     match = _SEPARATED.fullmatch(heading)
-    if match is not None and (_get_si_unit(match["unit"]) or match["unit"].lower() in _GAUGE_UNITS | _ABSOLUTE_UNITS):
+    if match is not None and (_get_si_unit(match["unit"]) or match["unit"].lower() in _OTHER_UNITS):
         return match["name"], match["unit"]
     return heading, ""
 
@@ -94,7 +104,7 @@ def _find_channel(name: str, tokens: set[str], unit: str) -> str | None:
         return "length" if name.lower() == "unit_length" else name.lower()
     si_unit = _get_si_unit(unit) if unit else None
     if unit and si_unit is None:
-        return None  # volts, degrees, counts: a calibration is needed
+        return None  # degrees, per cent
     is_command = bool(tokens & _COMMAND)
     if si_unit == "s" or (si_unit is None and tokens & _TIME):
         return "time" if tokens & _TIME or not tokens else None
