@@ -42,6 +42,9 @@ def write(path: Path, headings: Sequence[str], columns: Sequence[np.ndarray]) ->
         ("Crosshead (in)", "length", "in"),
         ("muscle length [mm]", "muscle_length", "mm"),
         ("channel 3 [N]", "force", "N"),
+        ("Länge (mm)", "length", "mm"),
+        ("Verkürzung [mm]", "length", "mm"),
+        ("Solldruck [bar]", "pressure_command", "bar"),
     ],
 )
 def test_words_and_units_name_a_channel(heading: str, channel: str, unit: str) -> None:
@@ -115,8 +118,37 @@ def test_displacement_gets_the_resting_length_and_a_remark(tmp_path: Path) -> No
     columns = [TIME, LENGTH - 350.0, COMMAND, FORCE]
     write(tmp_path / "a.csv", ["time [s]", "Displacement [mm]", "pressure_command [bar]", "force [N]"], columns)
     draft = ks.draft_dataset(tmp_path, DEVICE)
-    assert any("displacement" in remark and "350 mm" in remark for remark in draft.remarks)
+    assert any("350 + `Displacement [mm]`" in remark and "lengthening is assumed" in remark for remark in draft.remarks)
     assert ks.load_dataset(tmp_path).trials[0].prescribed["length"].value == pytest.approx(LENGTH / 1e3)
+
+
+@pytest.mark.parametrize("load", ["Force [N]", "Load cell (counts)"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_force_at_equal_pressure_shows_the_direction_of_a_displacement(tmp_path: Path, sign: float, load: str) -> None:
+    for shortening in (0.0, 10.0, 25.0):
+        force = FORCE * (1.0 - shortening / 40.0) + 1.0 * np.sin(50.0 * TIME)
+        columns = [TIME, sign * shortening + 0.0 * TIME, COMMAND, force if "N" in load else 8400.0 - 40.0 * force]
+        write(tmp_path / f"{shortening:.0f}.csv", ["time [s]", "stroke [mm]", "cmd [bar]", load], columns)
+    text = ks.draft_dataset(tmp_path, DEVICE).text
+    assert f'length = "350 {"-" if sign > 0 else "+"} `stroke [mm]` [mm]"' in text
+    assert "because at equal pressure the force" in text
+
+
+@pytest.mark.parametrize(("word", "operator"), [("contraction", "-"), ("elongation", "+")])
+def test_heading_tells_the_direction_of_a_displacement(tmp_path: Path, word: str, operator: str) -> None:
+    write(tmp_path / "a.csv", ["time [s]", f"{word} [mm]", "cmd [bar]", "F [N]"], [TIME, 0 * TIME, COMMAND, FORCE])
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert f'"350 {operator} `{word} [mm]` [mm]"' in draft.text
+    assert "by its heading" in draft.text
+
+
+def test_short_specimen_is_no_displacement(tmp_path: Path) -> None:
+    for length in (120.0, 108.0, 300.0):
+        columns = [TIME, length + 0.0 * TIME, COMMAND, FORCE]
+        write(tmp_path / f"{length:.0f}.csv", ["Zeit [s]", "Laenge [mm]", "Soll [bar]", "Kraft [N]"], columns)
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert "displacement" not in draft.text
+    assert draft.text.count("length = ") == 1
 
 
 def test_raw_reading_waits_for_its_calibration(tmp_path: Path) -> None:

@@ -5,8 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import get_column_units
 from klute_sim.datasets.draft.headings import HeadingMeaning, interpret_heading
@@ -19,8 +17,6 @@ from klute_sim.types import Array
 
 ATMOSPHERIC_PRESSURE_PA = 101325.0
 """Pressure that is subtracted from absolute pressures [Pa] (standard atmosphere)."""
-MIN_LENGTH_RATIO = 0.5
-"""Shortest length that is not taken for a displacement, relative to the resting length of the unit (assumed)."""
 
 _SI_UNITS = get_column_units("bench")
 _DEFAULT_UNITS = {"s": "s", "m": "mm", "N": "N", "Pa": "bar"}
@@ -41,6 +37,23 @@ class ColumnChoice:
     """What the user has to check; '' where nothing is assumed."""
 
 
+@dataclass(frozen=True)
+class Displacement:
+    """A column that states how far the unit is from its resting length."""
+
+    heading: str
+    """Heading of the column."""
+    unit: str
+    """Unit of its numbers."""
+    direction: int
+    """1 where the column grows with the length, -1 where it grows as the muscle shortens."""
+
+    def format_length(self, resting_length: float) -> str:
+        """Return the expression of the length of a unit with this ``resting_length`` [m]."""
+        zero = resting_length / (unit_conversion.get_si_factor(self.unit, "m") or 1.0)
+        return f"{zero:.6g} {'+' if self.direction > 0 else '-'} {format_column(self.heading)} [{self.unit}]"
+
+
 @dataclass(frozen=True, eq=False)
 class RecognizedFile:
     """A file, its channels, and their samples."""
@@ -53,6 +66,8 @@ class RecognizedFile:
     """Headings of columns of which no channel is known."""
     samples: Mapping[str, Array]
     """Channel or time -> samples [SI]."""
+    displacement: Displacement | None = None
+    """Displacement that the length follows from; None where the file holds the length itself."""
     raw_choices: Mapping[str, ColumnChoice] = field(default_factory=dict)
     """Channel of which the file has only a raw reading -> an expression whose calibration the user has to state."""
     readings: Mapping[str, Array] = field(default_factory=dict)
@@ -63,12 +78,8 @@ class RecognizedFile:
         return self.samples.get(channel, self.readings.get(channel))
 
 
-def recognize_file(path: Path, resting_length: float) -> RecognizedFile:
-    """Return the channels of the file at ``path``; ``resting_length`` [m] is that of the whole unit.
-
-    A length that is much shorter is taken for a displacement from the resting length. Raises InputError when the file
-    cannot be read.
-    """
+def recognize_file(path: Path) -> RecognizedFile:
+    """Return the channels of the file at ``path``; raises InputError when it cannot be read."""
     content = read_bytes(path, TRIAL)
     file = open_source(content, path, None, lambda heading: interpret_heading(heading) is not None, ())
     chosen = _choose_headings(file.headings, is_raw=False)
@@ -77,19 +88,17 @@ def recognize_file(path: Path, resting_length: float) -> RecognizedFile:
         channel: _describe_column(heading, meaning, has_units=file.has_units)
         for channel, (heading, meaning) in chosen.items()
     }
-    readings = {
+    plain = {
         channel: ColumnChoice(heading, f"{format_column(heading)} [{_SI_UNITS[channel]}]")
         for channel, (heading, _) in raw.items()
     }
-    numbers = _read_samples(path, {**choices, **readings})
+    numbers = _read_samples(path, {**choices, **plain})
     samples = {channel: numbers[channel] for channel in choices}
-    if "length" in samples and float(np.nanmax(samples["length"])) < MIN_LENGTH_RATIO * resting_length:
-        choices["length"] = _add_resting_length(*chosen["length"], resting_length)
-        samples |= _read_samples(path, {"length": choices["length"]})
     raw_choices = {channel: _describe_reading(heading, channel) for channel, (heading, _) in raw.items()}
     used = {heading for heading, _ in (*chosen.values(), *raw.values())}
     unused = tuple(heading for heading in file.headings if heading not in used)
-    return RecognizedFile(path, choices, unused, samples, raw_choices, {name: numbers[name] for name in raw})
+    readings = {channel: numbers[channel] for channel in raw}
+    return RecognizedFile(path, choices, unused, samples, raw_choices=raw_choices, readings=readings)
 
 
 def _choose_headings(headings: Sequence[str], *, is_raw: bool) -> dict[str, tuple[str, HeadingMeaning]]:
@@ -108,7 +117,7 @@ def _describe_column(heading: str, meaning: HeadingMeaning, *, has_units: bool) 
     is_named = heading.split("[")[0].strip().lower() in (meaning.channel, "unit_length")
     if is_named and has_units and _STANDARD_HEADING.fullmatch(heading) and not meaning.is_absolute:
         return ColumnChoice(heading, None)
-    unit, remarks = _choose_unit(meaning)
+    unit, remarks = choose_unit(meaning)
     term = format_column(heading)
     if meaning.is_absolute:
         factor = unit_conversion.get_si_factor(unit, "Pa") or 1.0
@@ -126,21 +135,10 @@ def _describe_reading(heading: str, channel: str) -> ColumnChoice:
     )
 
 
-def _choose_unit(meaning: HeadingMeaning) -> tuple[str, list[str]]:
+def choose_unit(meaning: HeadingMeaning) -> tuple[str, list[str]]:
     """Return the unit of a column, and a remark where it is assumed."""
     default = _DEFAULT_UNITS[_SI_UNITS[meaning.channel]]
     return (meaning.unit, []) if meaning.unit else (default, [f"the file states no unit; {default} is assumed"])
-
-
-def _add_resting_length(heading: str, meaning: HeadingMeaning, resting_length: float) -> ColumnChoice:
-    """Return the length from a column with a displacement, whose zero is taken for the resting length [m]."""
-    unit, remarks = _choose_unit(meaning)
-    zero = resting_length / (unit_conversion.get_si_factor(unit, "m") or 1.0)
-    sign = "-" if meaning.is_shortening else "+"
-    remarks.append(
-        f"this is a displacement; {zero:.6g} {unit}, the resting length of the device, is taken for its zero"
-    )
-    return ColumnChoice(heading, f"{zero:.6g} {sign} {format_column(heading)} [{unit}]", "; ".join(remarks))
 
 
 def format_column(heading: str) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from klute_sim.datasets.channels import get_measured_units, get_prescribed_units
 from klute_sim.datasets.dataset import DATASET_FILE_NAME
 from klute_sim.datasets.draft.columns import ColumnChoice, RecognizedFile, format_column, recognize_file
+from klute_sim.datasets.draft.lengths import interpret_lengths
 from klute_sim.datasets.draft.repeats import group_repeats
 from klute_sim.datasets.file_remarks import merge_file_remarks
 from klute_sim.datasets.format import FORMAT_NAME
@@ -60,7 +61,8 @@ def write_dataset_draft(
     path = folder / DATASET_FILE_NAME
     if path.exists():
         raise InputError(f"{path} exists already; remove it to write a draft, or leave out --draft")
-    files, remarks = _recognize_files(folder, _compute_resting_length(device))
+    files, remarks = _recognize_files(folder)
+    files = interpret_lengths(files, _compute_resting_length(device))
     files, noise = _replace_missing_command(files)
     groups = group_repeats(files)
     shared = _find_shared_choices([file.choices for file in files])
@@ -101,7 +103,7 @@ def _compute_resting_length(device: Device) -> float:
     return 1e-3 * (values.get("muscle.resting_length_mm", 0.0) + values.get("tendon.slack_length_mm", 0.0))
 
 
-def _recognize_files(folder: Path, resting_length: float) -> tuple[list[RecognizedFile], list[str]]:
+def _recognize_files(folder: Path) -> tuple[list[RecognizedFile], list[str]]:
     """Return the files of ``folder`` that hold channels of the bench, and a remark for each other file."""
     try:
         paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in TRIAL_SUFFIXES and path.is_file())
@@ -113,7 +115,7 @@ def _recognize_files(folder: Path, resting_length: float) -> tuple[list[Recogniz
     files, left_out = [], []
     for path in paths:
         try:
-            file = recognize_file(path, resting_length)
+            file = recognize_file(path)
         except InputError as error:
             left_out.append(str(error))
             continue

@@ -1,6 +1,7 @@
 """The channel of the bench that a column heading probably means, in the words and units of laboratories."""
 
 import re
+import unicodedata
 from typing import NamedTuple
 
 from klute_sim.datasets import unit_conversion
@@ -12,6 +13,7 @@ _SI_UNITS = get_column_units("bench")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(\([ag]\))?[^()]*)\))\s*")
 _SEPARATED = re.compile(r"(?P<name>.*?\S)(\s*/\s*|\s+in\s+|[\s_]+)(?P<unit>[^\W\d_]+)", re.IGNORECASE)
 """``p / bar``, ``force in N``, ``pressure_bar``."""
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
 _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 _GAUGE_UNITS = {"barg": "bar", "bar(g)": "bar", "psig": "psi", "psi(g)": "psi", "kpag": "kPa", "kpa(g)": "kPa"}
@@ -28,22 +30,30 @@ _WEIGHT_UNITS = {"kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 _OTHER_UNITS = _RAW_UNITS | _GAUGE_UNITS.keys() | _ABSOLUTE_UNITS.keys()
 """Units that no conversion knows."""
 
-_TIME = frozenset(("time", "t", "timestamp", "elapsed", "zeit", "temps", "tiempo"))
-_PRESSURE = frozenset(("pressure", "p", "press", "gauge", "druck", "pression", "presion"))
-_FORCE = frozenset(("force", "f", "load", "loadcell", "tension", "pull", "kraft", "fuerza"))
-_LENGTH = frozenset(
-    ("length", "l", "position", "pos", "x", "stroke", "crosshead", "displacement", "disp", "extension", "travel")
-) | frozenset(("elongation", "deflection", "contraction", "laenge", "weg", "longueur", "traverse"))
+_TIME = frozenset(("time", "t", "timestamp", "elapsed", "zeit", "pruefzeit", "messzeit", "temps", "tiempo"))
+_PRESSURE = frozenset(("pressure", "p", "press", "gauge", "druck", "istdruck", "pression", "presion"))
+_FORCE = frozenset(("force", "f", "load", "loadcell", "tension", "pull", "fuerza")) | frozenset(
+    ("kraft", "pruefkraft", "standardkraft")
+)
+_NAMES_OF_LENGTH = frozenset(("length", "l", "laenge", "longueur", "longitud"))
+_SHORTENING = frozenset(("contraction", "shortening", "verkuerzung", "kontraktion"))
+_LENGTHENING = frozenset(("elongation", "extension", "lengthening", "verlaengerung"))
+_LENGTH = (
+    frozenset(("position", "pos", "x", "stroke", "crosshead", "displacement", "disp", "travel", "deflection"))
+    | frozenset(("weg", "hub", "traverse", "standardweg"))
+    | _NAMES_OF_LENGTH
+    | _SHORTENING
+    | _LENGTHENING
+)
 _COMMAND = frozenset(
     ("command", "commanded", "cmd", "set", "setpoint", "sp", "desired", "des", "target", "reference", "ref", "demand")
-) | frozenset(("soll", "consigne"))
+) | frozenset(("soll", "sollwert", "solldruck", "consigne"))
 _MUSCLE = frozenset(("muscle", "pam", "mckibben"))
 _PROCESSED = frozenset(
     ("filtered", "filt", "smoothed", "smooth", "lowpass", "lp", "mean", "avg", "std", "sd", "error", "rate", "raw")
 )
 """Words of columns that come after others of the same channel."""
 _ABSOLUTE = frozenset(("abs", "absolute"))
-_SHORTENING = frozenset(("contraction", "shortening"))
 
 
 class HeadingMeaning(NamedTuple):
@@ -57,8 +67,10 @@ class HeadingMeaning(NamedTuple):
     """Order among the columns of one channel; the smallest comes first."""
     is_absolute: bool = False
     """Whether the heading says that the pressure is absolute."""
-    is_shortening: bool = False
-    """Whether the heading says that the length grows as the muscle shortens."""
+    is_length: bool = False
+    """Whether the heading says length, not position or displacement."""
+    direction: int = 0
+    """1 where the heading says that a displacement lengthens the muscle, -1 where it shortens it; else 0."""
     is_raw: bool = False
     """Whether the numbers are a reading without calibration, in volts or counts."""
 
@@ -68,7 +80,7 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     if len(heading) > MAX_HEADING_LENGTH:
         return None
     name, stated_unit = _split_unit(heading)
-    tokens = {token.lower() for token in _TOKEN.findall(name)}
+    tokens = {token.lower() for token in _TOKEN.findall(_spell_in_ascii(name))}
     key = stated_unit.replace(" ", "").lower()
     is_raw = key in _RAW_UNITS or (not key and bool(tokens & _RAW_WORDS))
     unit = "" if is_raw else _GAUGE_UNITS.get(key) or _ABSOLUTE_UNITS.get(key) or stated_unit
@@ -80,8 +92,14 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     is_other = 2 * len(tokens & _PROCESSED) + (not tokens & _get_words(channel))
     rank = 0 if name.lower() == channel else MAX_HEADING_LENGTH * is_other + len(tokens)
     is_absolute = channel in ("pressure", "pressure_command") and (key in _ABSOLUTE_UNITS or bool(tokens & _ABSOLUTE))
-    is_shortening = channel in ("length", "muscle_length") and bool(tokens & _SHORTENING)
-    return HeadingMeaning(channel, unit, rank, is_absolute, is_shortening, is_raw)
+    direction = bool(tokens & _LENGTHENING) - bool(tokens & _SHORTENING)
+    return HeadingMeaning(channel, unit, rank, is_absolute, bool(tokens & _NAMES_OF_LENGTH), direction, is_raw)
+
+
+def _spell_in_ascii(text: str) -> str:
+    """Return ``text`` with umlauts as two letters, and without accents."""
+    decomposed = unicodedata.normalize("NFKD", text.translate(_UMLAUTS))
+    return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
 
 
 def _split_unit(heading: str) -> tuple[str, str]:
