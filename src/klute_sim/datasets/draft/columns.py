@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import get_column_units
 from klute_sim.datasets.draft.headings import HeadingMeaning, interpret_heading
@@ -79,7 +81,7 @@ class RecognizedFile:
 
 
 def recognize_file(path: Path) -> RecognizedFile:
-    """Return the channels of the file at ``path``; raises InputError when it cannot be read."""
+    """Return the channels of the file at ``path``, without empty columns; raises InputError when it cannot be read."""
     content = read_bytes(path, TRIAL)
     file = open_source(content, path, None, lambda heading: interpret_heading(heading) is not None, ())
     chosen = _choose_headings(file.headings, is_raw=False)
@@ -92,13 +94,17 @@ def recognize_file(path: Path) -> RecognizedFile:
         channel: ColumnChoice(heading, f"{format_column(heading)} [{_SI_UNITS[channel]}]")
         for channel, (heading, _) in raw.items()
     }
-    numbers = _read_samples(path, {**choices, **plain})
-    samples = {channel: numbers[channel] for channel in choices}
-    raw_choices = {channel: _describe_reading(heading, channel) for channel, (heading, _) in raw.items()}
-    used = {heading for heading, _ in (*chosen.values(), *raw.values())}
-    unused = tuple(heading for heading in file.headings if heading not in used)
-    readings = {channel: numbers[channel] for channel in raw}
-    return RecognizedFile(path, choices, unused, samples, raw_choices=raw_choices, readings=readings)
+    read = _read_samples(path, {**choices, **plain})
+    numbers = {channel: values for channel, values in read.items() if np.isfinite(values).any()}
+    used = {heading for channel, (heading, _) in {**raw, **chosen}.items() if channel in numbers}
+    return RecognizedFile(
+        path,
+        choices={channel: choice for channel, choice in choices.items() if channel in numbers},
+        unused=tuple(heading for heading in file.headings if heading not in used),
+        samples={channel: values for channel, values in numbers.items() if channel in choices},
+        raw_choices={channel: _describe_reading(raw[channel][0], channel) for channel in raw if channel in numbers},
+        readings={channel: values for channel, values in numbers.items() if channel in raw},
+    )
 
 
 def _choose_headings(headings: Sequence[str], *, is_raw: bool) -> dict[str, tuple[str, HeadingMeaning]]:
