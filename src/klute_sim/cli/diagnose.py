@@ -186,6 +186,9 @@ def _write_draft(folder: Path, device_name: str | None, *, is_alone: bool) -> No
     groups = "1 group" if written.n_groups == 1 else f"{written.n_groups} groups"
     trials = "1 trial" if written.n_trials == 1 else f"{written.n_trials} trials in {groups}"
     console.print(f"Draft: {written.path}, {trials}", soft_wrap=True)
+    if not written.is_complete:
+        console.print(f"Complete what is to do, then: klute-sim diagnose {folder}", soft_wrap=True)
+        return
     try:
         load_dataset(folder)
     except InputError as error:

@@ -1,6 +1,7 @@
 """Draft of ``dataset.toml`` for a folder of bench recordings."""
 
 import json
+import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ from klute_sim.datasets.dataset import DATASET_FILE_NAME
 from klute_sim.datasets.draft.columns import ColumnChoice, RecognizedFile, format_column, recognize_file
 from klute_sim.datasets.draft.lengths import interpret_lengths
 from klute_sim.datasets.draft.repeats import group_repeats
+from klute_sim.datasets.draft.specimens import RestingLength, find_resting_lengths, question_specimens
 from klute_sim.datasets.file_remarks import merge_file_remarks
 from klute_sim.datasets.format import FORMAT_NAME
 from klute_sim.datasets.trial import MIN_SAMPLES
@@ -24,6 +26,8 @@ TRIAL_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", *PARQUET_SUFFIXES, *MAT_SUFFIX
 """Endings of files that can be trials."""
 ASSUMED_PRESSURE_NOISE = "20 mbar"
 """Noise of a measured pressure that stands for the command (assumed)."""
+MAX_COMMENT_LENGTH = 120
+"""Longest line of a comment [letters]."""
 _COMMAND, _PRESSURE = "pressure_command", "pressure"
 _EXAMPLES = {
     "time": "row / 1000 [s]",
@@ -48,6 +52,11 @@ class DatasetDraft:
     n_groups: int
     """Number of groups of repeats."""
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing is left to the user but to check what is assumed."""
+        return not any(remark.startswith("to do") for remark in self.remarks)
+
 
 def write_dataset_draft(
     folder: Path, device: Device, device_reference: str, uncertain: Mapping[str, str]
@@ -55,16 +64,20 @@ def write_dataset_draft(
     """Write dataset.toml for the bench recordings in ``folder``.
 
     ``device_reference`` is the preset or the path that the file names, ``uncertain`` the standard deviations of
-    uncertain numbers. Columns are recognized by their words and units, repeats by equal inputs; each assumption is a
-    comment in the file and a remark. Raises InputError when the folder has a dataset.toml, or no file that can be read.
+    uncertain numbers. Columns are recognized by their words and units, repeats by equal inputs and outputs; each
+    assumption is a comment in the file and a remark. Raises InputError when the folder has a dataset.toml, or no file
+    that can be read.
     """
     path = folder / DATASET_FILE_NAME
     if path.exists():
         raise InputError(f"{path} exists already; remove it to write a draft, or leave out --draft")
     files, remarks = _recognize_files(folder)
-    files = interpret_lengths(files, _compute_resting_length(device))
+    resting = _get_resting_length(device)
+    files = interpret_lengths(files, resting.unit)
     files, noise = _replace_missing_command(files)
-    groups = group_repeats(files)
+    named_lengths = find_resting_lengths(files, resting)
+    question = question_specimens(files, resting, named_lengths)
+    groups = group_repeats(files, named_lengths)
     shared = _find_shared_choices([file.choices for file in files])
     shared_raw = _find_shared_choices([file.raw_choices for file in files])
     missing = _list_missing(files)
@@ -81,13 +94,17 @@ def write_dataset_draft(
         *(f'"{key}" = "{deviation}"' for key, deviation in uncertain.items()),
         *_format_columns("[columns]", shared, shared_raw, missing),
         *noise,
+        *(["", *_format_comment(f"to do: {question.remark}")] if question else []),
     ]
-    for file, group in zip(files, _name_groups(files, groups), strict=True):
+    for index, (file, group) in enumerate(zip(files, _name_groups(files, groups), strict=True)):
         lines += ["", "[[trial]]", f"files = [{json.dumps(file.path.name)}]"]
         lines += [f"group = {json.dumps(group)}"] if group else []
+        lines += question.format_name(index) if question else []
         own = {channel: choice for channel, choice in file.choices.items() if shared.get(channel) != choice}
         own_raw = {name: choice for name, choice in file.raw_choices.items() if shared_raw.get(name) != choice}
-        lines += _format_columns("[trial.columns]", own, own_raw, {})
+        columns = _format_columns("[trial.columns]", own, own_raw, {})
+        lines += [*columns, *(question.format_tables(index, file, has_columns=bool(columns)) if question else [])]
+    remarks += [f"to do: {question.remark}"] if question else []
     remarks += [*_describe_choices(files), *missing.values(), *_describe_repeats(groups)]
     text = "\n".join(lines) + "\n"
     try:
@@ -97,10 +114,11 @@ def write_dataset_draft(
     return DatasetDraft(path, text, tuple(dict.fromkeys(remarks)), len(files), len(set(groups)))
 
 
-def _compute_resting_length(device: Device) -> float:
-    """Return the length [m] of muscle and tendon of ``device`` at rest; 0 where it has no number for it."""
+def _get_resting_length(device: Device) -> RestingLength:
+    """Return the length of muscle and tendon of ``device`` at rest; 0 for what it has not."""
     values = device.spec.collect_values()
-    return 1e-3 * (values.get("muscle.resting_length_mm", 0.0) + values.get("tendon.slack_length_mm", 0.0))
+    muscle, tendon = values.get("muscle.resting_length_mm", 0.0), values.get("tendon.slack_length_mm", 0.0)
+    return RestingLength(1e-3 * muscle, 1e-3 * tendon)
 
 
 def _recognize_files(folder: Path) -> tuple[list[RecognizedFile], list[str]]:
@@ -189,12 +207,24 @@ def _format_columns(
     lines = []
     for channel, choice in choices.items():
         if choice.expression is not None:
-            lines += [f"# {channel}: {choice.remark}; check this"] if choice.remark else []
+            lines += _format_comment(f"{channel}: {choice.remark}; check this") if choice.remark else []
             lines.append(_format_assignment(channel, choice))
     for channel, choice in raw.items():
-        lines += [f"# {channel}: {choice.remark}", f"# {_format_assignment(channel, choice)}   # to do"]
+        lines += _format_comment(f"{channel}: {choice.remark}")
+        lines.append(f"# {_format_assignment(channel, choice)}   # to do")
     lines += [f'# {channel} = "{_EXAMPLES[channel]}"   # to do: no column was recognized' for channel in missing]
     return [*([""] if table == "[columns]" else []), table, *lines] if lines else []
+
+
+def _format_comment(text: str) -> list[str]:
+    return textwrap.wrap(
+        text,
+        MAX_COMMENT_LENGTH,
+        initial_indent="# ",
+        subsequent_indent="# ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _format_assignment(channel: str, choice: ColumnChoice) -> str:
