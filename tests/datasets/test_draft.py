@@ -43,6 +43,8 @@ def write(path: Path, headings: Sequence[str], columns: Sequence[np.ndarray]) ->
         ("muscle length [mm]", "muscle_length", "mm"),
         ("channel 3 [N]", "force", "N"),
         ("Länge (mm)", "length", "mm"),
+        ("LVDT (in)", "length", "in"),
+        ("X_Value", "time", ""),
         ("Verkürzung [mm]", "length", "mm"),
         ("Solldruck [bar]", "pressure_command", "bar"),
     ],
@@ -112,6 +114,31 @@ def test_absolute_pressure_becomes_a_gauge_pressure(tmp_path: Path) -> None:
     draft = ks.draft_dataset(tmp_path, DEVICE)
     assert "a standard atmosphere" in "".join(draft.remarks)
     assert ks.load_dataset(tmp_path).trials[0].measured["pressure"].value == pytest.approx(COMMAND * 1e5, abs=1.0)
+
+
+def test_size_of_samples_tells_units_that_no_heading_states(tmp_path: Path) -> None:
+    for name, scale in (("a", 1.0), ("low", 0.05)):  # 15 kPa would be 15 bar if this file stood alone
+        columns = [1e3 * TIME, LENGTH, 100.0 * scale * COMMAND, scale * FORCE]
+        write(tmp_path / f"{name}.csv", ["Time", "Length", "Setpoint", "Force"], columns)
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert 'check time = "Time [ms]": the file states no unit; ms is assumed' in draft.remarks
+    trial = ks.load_dataset(tmp_path).trials[1]
+    assert trial.prescribed["pressure_command"].value == pytest.approx(5e3 * COMMAND)
+    assert trial.measured["force"].time == pytest.approx(TIME)
+
+
+def test_slow_recording_stays_in_seconds(tmp_path: Path) -> None:
+    seconds = np.arange(float(len(TIME)))
+    write(tmp_path / "a.csv", ["Time", "Length [mm]", "cmd [bar]", "F [N]"], [seconds, LENGTH, COMMAND, FORCE])
+    assert 'time = "Time [s]"' in ks.draft_dataset(tmp_path, DEVICE).text
+
+
+def test_column_with_a_unit_comes_before_one_without(tmp_path: Path) -> None:
+    columns = [TIME, TIME, LENGTH, COMMAND, FORCE]
+    write(tmp_path / "a.csv", ["X_Value", "x", "Weg (mm)", "cmd [bar]", "F [N]"], columns)
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert "not used: the columns 'x'" in draft.remarks
+    assert ks.load_dataset(tmp_path).trials[0].prescribed["length"].value == pytest.approx(1e-3 * LENGTH)
 
 
 def test_displacement_gets_the_resting_length_and_a_remark(tmp_path: Path) -> None:

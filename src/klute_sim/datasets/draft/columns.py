@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -21,8 +22,8 @@ ATMOSPHERIC_PRESSURE_PA = 101325.0
 """Pressure that is subtracted from absolute pressures [Pa] (standard atmosphere)."""
 
 _SI_UNITS = get_column_units("bench")
-_DEFAULT_UNITS = {"s": "s", "m": "mm", "N": "N", "Pa": "bar"}
-"""SI unit -> unit that is assumed where a heading states none."""
+USUAL_UNITS = {"s": "s", "m": "mm", "N": "N", "Pa": "bar"}
+"""SI unit -> unit that is assumed where a heading states none, and its samples do not contradict."""
 _STANDARD_HEADING = re.compile(r"\w+\s*\[[^\[\]]+\]")
 _PLAIN_NAME = re.compile(r"[^\W\d]\w*")
 
@@ -35,6 +36,10 @@ class ColumnChoice:
     """Heading of its column."""
     expression: str | None
     """Expression for ``[columns]``; None where the heading itself names the channel and its unit."""
+    unit: str
+    """Unit of its numbers."""
+    is_unit_assumed: bool = False
+    """Whether the file states no unit."""
     remark: str = ""
     """What the user has to check; '' where nothing is assumed."""
 
@@ -80,18 +85,21 @@ class RecognizedFile:
         return self.samples.get(channel, self.readings.get(channel))
 
 
-def recognize_file(path: Path) -> RecognizedFile:
-    """Return the channels of the file at ``path``, without empty columns; raises InputError when it cannot be read."""
+def recognize_file(path: Path, assumed_units: Mapping[str, str] = MappingProxyType({})) -> RecognizedFile:
+    """Return the channels of the file at ``path``, without empty columns; raises InputError when it cannot be read.
+
+    ``assumed_units`` are those of headings without a unit, instead of the usual ones.
+    """
     content = read_bytes(path, TRIAL)
     file = open_source(content, path, None, lambda heading: interpret_heading(heading) is not None, ())
     chosen = _choose_headings(file.headings, is_raw=False)
     raw = {name: each for name, each in _choose_headings(file.headings, is_raw=True).items() if name not in chosen}
     choices = {
-        channel: _describe_column(heading, meaning, has_units=file.has_units)
+        channel: _describe_column(heading, meaning, assumed_units.get(heading, ""), has_units=file.has_units)
         for channel, (heading, meaning) in chosen.items()
     }
     plain = {
-        channel: ColumnChoice(heading, f"{format_column(heading)} [{_SI_UNITS[channel]}]")
+        channel: ColumnChoice(heading, f"{format_column(heading)} [{_SI_UNITS[channel]}]", _SI_UNITS[channel])
         for channel, (heading, _) in raw.items()
     }
     read = _read_samples(path, {**choices, **plain})
@@ -119,32 +127,24 @@ def _choose_headings(headings: Sequence[str], *, is_raw: bool) -> dict[str, tupl
     return {channel: chosen[channel] for channel in _SI_UNITS if channel in chosen}
 
 
-def _describe_column(heading: str, meaning: HeadingMeaning, *, has_units: bool) -> ColumnChoice:
+def _describe_column(heading: str, meaning: HeadingMeaning, assumed_unit: str, *, has_units: bool) -> ColumnChoice:
     is_named = heading.split("[")[0].strip().lower() in (meaning.channel, "unit_length")
     if is_named and has_units and _STANDARD_HEADING.fullmatch(heading) and not meaning.is_absolute:
-        return ColumnChoice(heading, None)
-    unit, remarks = choose_unit(meaning)
+        return ColumnChoice(heading, None, meaning.unit)
+    unit = meaning.unit or assumed_unit or USUAL_UNITS[_SI_UNITS[meaning.channel]]
+    remarks = [] if meaning.unit else [f"the file states no unit; {unit} is assumed"]
     term = format_column(heading)
     if meaning.is_absolute:
         factor = unit_conversion.get_si_factor(unit, "Pa") or 1.0
         term += f" - {ATMOSPHERIC_PRESSURE_PA / factor:.6g}"
         remarks.append("the pressure of the room is subtracted, a standard atmosphere")
-    return ColumnChoice(heading, f"{term} [{unit}]", "; ".join(remarks))
+    return ColumnChoice(heading, f"{term} [{unit}]", unit, not meaning.unit, "; ".join(remarks))
 
 
 def _describe_reading(heading: str, channel: str) -> ColumnChoice:
-    unit = _DEFAULT_UNITS[_SI_UNITS[channel]]
-    return ColumnChoice(
-        heading,
-        f"(`{heading}` - ZERO) * SCALE [{unit}]",
-        f"this is a raw reading; state its calibration: ZERO is the reading at 0 {unit}, SCALE the {unit} per step",
-    )
-
-
-def choose_unit(meaning: HeadingMeaning) -> tuple[str, list[str]]:
-    """Return the unit of a column, and a remark where it is assumed."""
-    default = _DEFAULT_UNITS[_SI_UNITS[meaning.channel]]
-    return (meaning.unit, []) if meaning.unit else (default, [f"the file states no unit; {default} is assumed"])
+    unit = USUAL_UNITS[_SI_UNITS[channel]]
+    remark = f"this is a raw reading; state its calibration: ZERO is the reading at 0 {unit}, SCALE the {unit} per step"
+    return ColumnChoice(heading, f"(`{heading}` - ZERO) * SCALE [{unit}]", unit, remark=remark)
 
 
 def format_column(heading: str) -> str:

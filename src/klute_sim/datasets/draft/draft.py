@@ -13,6 +13,7 @@ from klute_sim.datasets.draft.columns import ColumnChoice, RecognizedFile, forma
 from klute_sim.datasets.draft.lengths import interpret_lengths
 from klute_sim.datasets.draft.repeats import group_repeats
 from klute_sim.datasets.draft.specimens import RestingLength, find_resting_lengths, question_specimens
+from klute_sim.datasets.draft.units import assume_units
 from klute_sim.datasets.file_remarks import merge_file_remarks
 from klute_sim.datasets.format import FORMAT_NAME
 from klute_sim.datasets.trial import MIN_SAMPLES
@@ -72,6 +73,8 @@ def write_dataset_draft(
     if path.exists():
         raise InputError(f"{path} exists already; remove it to write a draft, or leave out --draft")
     files, remarks = _recognize_files(folder)
+    units = assume_units(files)
+    files = [recognize_file(file.path, units) for file in files] if units else files
     resting = _get_resting_length(device)
     files = interpret_lengths(files, resting.unit)
     files, noise = _replace_missing_command(files)

@@ -31,6 +31,8 @@ _OTHER_UNITS = _RAW_UNITS | _GAUGE_UNITS.keys() | _ABSOLUTE_UNITS.keys()
 """Units that no conversion knows."""
 
 _TIME = frozenset(("time", "t", "timestamp", "elapsed", "zeit", "pruefzeit", "messzeit", "temps", "tiempo"))
+_TIME_OF_LABVIEW = "x_value"
+"""Heading of the time in text files that LabVIEW writes."""
 _PRESSURE = frozenset(("pressure", "p", "press", "gauge", "druck", "istdruck", "pression", "presion"))
 _FORCE = frozenset(("force", "f", "load", "loadcell", "tension", "pull", "fuerza")) | frozenset(
     ("kraft", "pruefkraft", "standardkraft")
@@ -40,7 +42,7 @@ _SHORTENING = frozenset(("contraction", "shortening", "verkuerzung", "kontraktio
 _LENGTHENING = frozenset(("elongation", "extension", "lengthening", "verlaengerung"))
 _LENGTH = (
     frozenset(("position", "pos", "x", "stroke", "crosshead", "displacement", "disp", "travel", "deflection"))
-    | frozenset(("weg", "hub", "traverse", "standardweg"))
+    | frozenset(("weg", "hub", "traverse", "standardweg", "lvdt"))
     | _NAMES_OF_LENGTH
     | _SHORTENING
     | _LENGTHENING
@@ -89,7 +91,7 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     channel = _find_channel(name, tokens, unit)
     if channel is None or (is_raw and channel == "time"):
         return None
-    is_other = 2 * len(tokens & _PROCESSED) + (not tokens & _get_words(channel))
+    is_other = 2 * len(tokens & _PROCESSED) + (not tokens & _get_words(channel)) + (not unit)
     rank = 0 if name.lower() == channel else MAX_HEADING_LENGTH * is_other + len(tokens)
     is_absolute = channel in ("pressure", "pressure_command") and (key in _ABSOLUTE_UNITS or bool(tokens & _ABSOLUTE))
     direction = bool(tokens & _LENGTHENING) - bool(tokens & _SHORTENING)
@@ -120,6 +122,8 @@ def _get_si_unit(unit: str) -> str | None:
 def _find_channel(name: str, tokens: set[str], unit: str) -> str | None:
     if name.lower() in _SI_UNITS:
         return "length" if name.lower() == "unit_length" else name.lower()
+    if name.lower() == _TIME_OF_LABVIEW:
+        return "time"
     si_unit = _get_si_unit(unit) if unit else None
     if unit and si_unit is None:
         return None  # degrees, per cent

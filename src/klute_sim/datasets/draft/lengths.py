@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from klute_sim.datasets.draft.columns import Displacement, RecognizedFile, choose_unit
+from klute_sim.datasets.draft.columns import Displacement, RecognizedFile
 from klute_sim.datasets.draft.headings import HeadingMeaning, interpret_heading
 from klute_sim.types import Array
 
@@ -54,9 +54,7 @@ def _is_displacement(lengths: Array, meaning: HeadingMeaning, resting_length: fl
 
 def _add_resting_length(file: RecognizedFile, direction: int, reason: str, resting_length: float) -> RecognizedFile:
     choice = file.choices["length"]
-    meaning = interpret_heading(choice.heading)
-    unit = choose_unit(meaning)[0] if meaning else "m"
-    displacement = Displacement(choice.heading, unit, direction)
+    displacement = Displacement(choice.heading, choice.unit, direction)
     remark = f"this is a displacement, and the resting length of the device is taken for its zero; {reason}"
     changed = replace(
         choice,

@@ -1,0 +1,50 @@
+"""Units of columns whose headings state none, from the size of their samples in all files."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from klute_sim.datasets.draft.columns import USUAL_UNITS, RecognizedFile
+from klute_sim.datasets.unit_conversion import get_si_factor
+
+MAX_SAMPLING_INTERVAL_S = 0.5
+"""Longest usual time between samples of a bench recording (assumed)."""
+MIN_DURATION_S = 1.0
+"""Shortest usual bench recording (assumed)."""
+MAX_PRESSURE_PA = 20e5
+"""Largest usual pressure of a pneumatic muscle (assumed)."""
+
+_SMALLER_UNITS = {"time": ("ms", "us"), "pressure": ("kPa", "Pa"), "pressure_command": ("kPa", "Pa")}
+"""Channel or time -> units that follow the usual one, from the largest to the smallest."""
+
+
+def assume_units(files: Sequence[RecognizedFile]) -> dict[str, str]:
+    """Return the unit of each heading that states none and whose samples are too large for the usual unit."""
+    sizes: dict[tuple[str, str], list[float]] = {}
+    for file in files:
+        for channel, choice in file.choices.items():
+            if choice.is_unit_assumed and channel in _SMALLER_UNITS:
+                sizes.setdefault((channel, choice.heading), []).append(_compute_size(file, channel))
+    units = {}
+    for (channel, heading), values in sizes.items():
+        si_unit = "s" if channel == "time" else "Pa"
+        limit = MAX_SAMPLING_INTERVAL_S if channel == "time" else MAX_PRESSURE_PA
+        size = float(np.median(values)) if channel == "time" else max(values)
+        usual_factor = get_si_factor(USUAL_UNITS[si_unit], si_unit) or 1.0
+        if size > limit:
+            factors = {unit: get_si_factor(unit, si_unit) or 1.0 for unit in _SMALLER_UNITS[channel]}
+            fitting = [unit for unit, factor in factors.items() if size * factor / usual_factor <= limit]
+            units[heading] = next(iter(fitting), _SMALLER_UNITS[channel][-1])
+    return units
+
+
+def _compute_size(file: RecognizedFile, channel: str) -> float:
+    """Return the largest pressure [Pa] of ``file``, or the median time [s] between its samples.
+
+    0 for a file that is too short for a smaller unit of time.
+    """
+    samples = file.samples[channel]
+    if channel != "time":
+        return float(np.nanmax(samples))
+    is_short = float(np.nanmax(samples) - np.nanmin(samples)) < 1e3 * MIN_DURATION_S
+    return 0.0 if is_short else float(np.nanmedian(np.diff(samples)))
