@@ -77,6 +77,23 @@ def test_other_columns_are_no_channel(heading: str) -> None:
     assert interpret_heading(heading) is None
 
 
+@pytest.mark.parametrize(
+    ("heading", "unit", "is_absolute"),
+    [
+        ("p [kPa abs]", "kPa", True),
+        ("pressure (bar(a))", "bar", True),
+        ("p_psia", "psi", True),
+        ("p [mbar g]", "mbar", False),
+        ("Druck [barü]", "bar", False),
+        ("p [MPa]", "MPa", False),
+    ],
+)
+def test_unit_tells_absolute_from_gauge_pressure(heading: str, unit: str, is_absolute: bool) -> None:
+    meaning = interpret_heading(heading)
+    assert meaning is not None
+    assert (meaning.unit, meaning.is_absolute) == (unit, is_absolute)
+
+
 @given(st.text(max_size=30))
 def test_any_heading_can_be_read(heading: str) -> None:
     meaning = interpret_heading(heading)
@@ -161,6 +178,15 @@ def test_force_at_equal_pressure_shows_the_direction_of_a_displacement(tmp_path:
     assert "because at equal pressure the force" in text
 
 
+@pytest.mark.parametrize(("word", "sign"), [("Contraction", -1.0), ("Dehnung", 1.0)])
+def test_displacement_in_per_cent_is_one_of_the_resting_length(tmp_path: Path, word: str, sign: float) -> None:
+    columns = [TIME, sign * 100.0 * (LENGTH - 350.0) / 350.0, COMMAND, FORCE]
+    write(tmp_path / "a.csv", ["time [s]", f"{word} (%)", "cmd [bar]", "F [N]"], columns)
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert f'"350 * (1 {"-" if sign < 0 else "+"} `{word} (%)` / 100) [mm]"' in draft.text
+    assert ks.load_dataset(tmp_path).trials[0].prescribed["length"].value == pytest.approx(LENGTH / 1e3)
+
+
 @pytest.mark.parametrize(("word", "operator"), [("contraction", "-"), ("elongation", "+")])
 def test_heading_tells_the_direction_of_a_displacement(tmp_path: Path, word: str, operator: str) -> None:
     write(tmp_path / "a.csv", ["time [s]", f"{word} [mm]", "cmd [bar]", "F [N]"], [TIME, 0 * TIME, COMMAND, FORCE])
@@ -198,6 +224,14 @@ def test_calibrated_column_comes_before_a_raw_reading(tmp_path: Path) -> None:
     assert "SCALE" not in draft.text
     assert "not used: the columns 'force (V)'" in draft.remarks
     assert ks.load_dataset(tmp_path).trials[0].measured["force"].value == pytest.approx(FORCE)
+
+
+def test_raw_reading_of_some_files_stands_in_their_trials(tmp_path: Path) -> None:
+    for name, load in (("a", "F [N]"), ("b", "F [N]"), ("c", "F (counts)")):
+        write(tmp_path / f"{name}.csv", ["time [s]", "length [mm]", "cmd [bar]", load], [TIME, LENGTH, COMMAND, FORCE])
+    head, *trials = ks.draft_dataset(tmp_path, DEVICE).text.split("[[trial]]")
+    assert "SCALE" not in head
+    assert ["SCALE" in trial for trial in trials] == [False, False, True]
 
 
 def test_missing_command_is_replaced_by_the_measured_pressure(tmp_path: Path) -> None:

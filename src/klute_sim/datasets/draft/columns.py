@@ -10,7 +10,7 @@ import numpy as np
 
 from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import get_column_units
-from klute_sim.datasets.draft.headings import HeadingMeaning, interpret_heading
+from klute_sim.datasets.draft.headings import PERCENT, HeadingMeaning, interpret_heading
 from klute_sim.datasets.trial_files.expressions import parse_expression
 from klute_sim.datasets.trial_files.sources import open_source
 from klute_sim.datasets.trial_files.table import read_trial_file
@@ -51,14 +51,17 @@ class Displacement:
     heading: str
     """Heading of the column."""
     unit: str
-    """Unit of its numbers."""
+    """Unit of its numbers, which may be per cent of the resting length."""
     direction: int
     """1 where the column grows with the length, -1 where it grows as the muscle shortens."""
 
     def format_length(self, resting_length: float) -> str:
         """Return the expression of the length of a unit with this ``resting_length`` [m]."""
+        column, sign = format_column(self.heading), "+" if self.direction > 0 else "-"
+        if self.unit == PERCENT:
+            return f"{1e3 * resting_length:.6g} * (1 {sign} {column} / 100) [mm]"
         zero = resting_length / (unit_conversion.get_si_factor(self.unit, "m") or 1.0)
-        return f"{zero:.6g} {'+' if self.direction > 0 else '-'} {format_column(self.heading)} [{self.unit}]"
+        return f"{zero:.6g} {sign} {column} [{self.unit}]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +75,7 @@ class RecognizedFile:
     unused: tuple[str, ...]
     """Headings of columns of which no channel is known."""
     samples: Mapping[str, Array]
-    """Channel or time -> samples [SI]."""
+    """Channel or time -> samples [SI]; a displacement in per cent is a ratio until its resting length is known."""
     displacement: Displacement | None = None
     """Displacement that the length follows from; None where the file holds the length itself."""
     raw_choices: Mapping[str, ColumnChoice] = field(default_factory=dict)
@@ -132,6 +135,8 @@ def _describe_column(heading: str, meaning: HeadingMeaning, assumed_unit: str, *
     if is_named and has_units and _STANDARD_HEADING.fullmatch(heading) and not meaning.is_absolute:
         return ColumnChoice(heading, None, meaning.unit)
     unit = meaning.unit or assumed_unit or USUAL_UNITS[_SI_UNITS[meaning.channel]]
+    if unit == PERCENT:
+        return ColumnChoice(heading, f"{format_column(heading)} / 100 [m]", PERCENT)
     remarks = [] if meaning.unit else [f"the file states no unit; {unit} is assumed"]
     term = format_column(heading)
     if meaning.is_absolute:
@@ -154,7 +159,7 @@ def format_column(heading: str) -> str:
 
 def _read_samples(path: Path, choices: Mapping[str, ColumnChoice]) -> Mapping[str, Array]:
     expressions = {
-        channel: parse_expression(choice.expression, _SI_UNITS[channel], f"[columns] {channel}", str(path))
+        channel: parse_expression(choice.expression, _SI_UNITS[channel], f"[columns] {channel}", f"trial file {path}")
         for channel, choice in choices.items()
         if choice.expression is not None
     }

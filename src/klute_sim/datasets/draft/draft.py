@@ -82,7 +82,8 @@ def write_dataset_draft(
     question = question_specimens(files, resting, named_lengths)
     groups = group_repeats(files, named_lengths)
     shared = _find_shared_choices([file.choices for file in files])
-    shared_raw = _find_shared_choices([file.raw_choices for file in files])
+    raw = _find_shared_choices([file.raw_choices for file in files])
+    shared_raw = {channel: choice for channel, choice in raw.items() if channel not in shared}
     missing = _list_missing(files)
     n_files = f"{len(files)} {'file' if len(files) == 1 else 'files'}"
     lines = [

@@ -9,6 +9,8 @@ from klute_sim.datasets.channels import get_column_units
 
 MAX_HEADING_LENGTH = 60
 """Length [letters] beyond which a text is a sentence and no heading."""
+PERCENT = "%"
+"""Unit of an elongation or a contraction that is relative to the resting length."""
 _SI_UNITS = get_column_units("bench")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(\([ag]\))?[^()]*)\))\s*")
 _SEPARATED = re.compile(r"(?P<name>.*?\S)(\s*/\s*|\s+in\s+|[\s_]+)(?P<unit>[^\W\d_]+)", re.IGNORECASE)
@@ -16,19 +18,16 @@ _SEPARATED = re.compile(r"(?P<name>.*?\S)(\s*/\s*|\s+in\s+|[\s_]+)(?P<unit>[^\W\
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
 _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
-_GAUGE_UNITS = {"barg": "bar", "bar(g)": "bar", "psig": "psi", "psi(g)": "psi", "kpag": "kPa", "kpa(g)": "kPa"}
-"""Unit that says that the pressure is a gauge pressure -> unit."""
-_ABSOLUTE_UNITS = {"bara": "bar", "bar(a)": "bar", "psia": "psi", "psi(a)": "psi", "kpaa": "kPa", "kpa(a)": "kPa"}
-"""Unit that says that the pressure is absolute -> unit."""
+_PRESSURE_UNIT = re.compile(r"(?P<unit>[mkh]?pa|m?bar|psi)\(?(g|gauge|rel|ü|(?P<absolute>a|abs|absolute))\)?")
+"""A unit that says whether the pressure is a gauge or an absolute pressure, such as ``psig`` or ``kPa abs``."""
+_SPELLINGS = {"pa": "Pa", "hpa": "hPa", "kpa": "kPa", "mpa": "MPa"}
+"""Unit of pressure in small letters -> unit."""
 _RAW_UNITS = frozenset(("v", "mv", "mv/v", "ma", "count", "counts", "cts", "adc", "lsb", "digit", "digits", "raw"))
 """Units of readings that become a channel by a calibration only."""
 _RAW_WORDS = frozenset(("raw", "count", "counts", "adc", "lsb", "digits", "volt", "volts", "voltage"))
 """Words of such readings where no unit is stated."""
 _WEIGHT_UNITS = {"kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 """Unit of a mass on a load cell -> unit of its weight."""
-
-_OTHER_UNITS = _RAW_UNITS | _GAUGE_UNITS.keys() | _ABSOLUTE_UNITS.keys()
-"""Units that no conversion knows."""
 
 _TIME = frozenset(("time", "t", "timestamp", "elapsed", "zeit", "pruefzeit", "messzeit", "temps", "tiempo"))
 _TIME_OF_LABVIEW = "x_value"
@@ -40,6 +39,7 @@ _FORCE = frozenset(("force", "f", "load", "loadcell", "tension", "pull", "fuerza
 _NAMES_OF_LENGTH = frozenset(("length", "l", "laenge", "longueur", "longitud"))
 _SHORTENING = frozenset(("contraction", "shortening", "verkuerzung", "kontraktion"))
 _LENGTHENING = frozenset(("elongation", "extension", "lengthening", "verlaengerung"))
+_STRAIN = frozenset(("strain", "dehnung"))
 _LENGTH = (
     frozenset(("position", "pos", "x", "stroke", "crosshead", "displacement", "disp", "travel", "deflection"))
     | frozenset(("weg", "hub", "traverse", "standardweg", "lvdt"))
@@ -85,7 +85,10 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     tokens = {token.lower() for token in _TOKEN.findall(_spell_in_ascii(name))}
     key = stated_unit.replace(" ", "").lower()
     is_raw = key in _RAW_UNITS or (not key and bool(tokens & _RAW_WORDS))
-    unit = "" if is_raw else _GAUGE_UNITS.get(key) or _ABSOLUTE_UNITS.get(key) or stated_unit
+    pressure_unit = _PRESSURE_UNIT.fullmatch(key)
+    unit = "" if is_raw else stated_unit
+    if pressure_unit:
+        unit = _SPELLINGS.get(pressure_unit["unit"], pressure_unit["unit"])
     if key in _WEIGHT_UNITS and tokens & (_FORCE | {"weight", "cell"}):
         unit = _WEIGHT_UNITS[key]
     channel = _find_channel(name, tokens, unit)
@@ -93,7 +96,9 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
         return None
     is_other = 2 * len(tokens & _PROCESSED) + (not tokens & _get_words(channel)) + (not unit)
     rank = 0 if name.lower() == channel else MAX_HEADING_LENGTH * is_other + len(tokens)
-    is_absolute = channel in ("pressure", "pressure_command") and (key in _ABSOLUTE_UNITS or bool(tokens & _ABSOLUTE))
+    is_absolute = channel in ("pressure", "pressure_command") and (
+        bool(pressure_unit and pressure_unit["absolute"]) or bool(tokens & _ABSOLUTE)
+    )
     direction = bool(tokens & _LENGTHENING) - bool(tokens & _SHORTENING)
     return HeadingMeaning(channel, unit, rank, is_absolute, bool(tokens & _NAMES_OF_LENGTH), direction, is_raw)
 
@@ -110,9 +115,11 @@ def _split_unit(heading: str) -> tuple[str, str]:
     if match is not None:
         return match["name"], (match["square"] or match["round"] or "").strip()
     match = _SEPARATED.fullmatch(heading)
-    if match is not None and (_get_si_unit(match["unit"]) or match["unit"].lower() in _OTHER_UNITS):
-        return match["name"], match["unit"]
-    return heading, ""
+    if match is None:
+        return heading, ""
+    key = match["unit"].lower()
+    is_unit = _get_si_unit(match["unit"]) or key in _RAW_UNITS or _PRESSURE_UNIT.fullmatch(key)
+    return (match["name"], match["unit"]) if is_unit else (heading, "")
 
 
 def _get_si_unit(unit: str) -> str | None:
@@ -124,9 +131,11 @@ def _find_channel(name: str, tokens: set[str], unit: str) -> str | None:
         return "length" if name.lower() == "unit_length" else name.lower()
     if name.lower() == _TIME_OF_LABVIEW:
         return "time"
+    if unit == PERCENT:
+        return "length" if tokens & (_SHORTENING | _LENGTHENING | _STRAIN) and not tokens & _COMMAND else None
     si_unit = _get_si_unit(unit) if unit else None
     if unit and si_unit is None:
-        return None  # degrees, per cent
+        return None  # such as degrees
     is_command = bool(tokens & _COMMAND)
     if si_unit == "s" or (si_unit is None and tokens & _TIME):
         return "time" if tokens & _TIME or not tokens else None

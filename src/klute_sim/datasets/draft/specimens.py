@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from klute_sim.datasets.draft.columns import RecognizedFile
+from klute_sim.datasets.draft.headings import PERCENT
 
 MIN_SHORTENED_RATIO = 0.65
 """Shortest length of a unit, relative to its resting length (assumed): braided muscles shorten by up to a third."""
@@ -140,6 +141,8 @@ def _may_rest_at(file: RecognizedFile, muscle_length: float, resting: RestingLen
     if muscle_length < MIN_RESTING_RATIO * resting.muscle or "length" not in file.samples:
         return False
     unit_length = muscle_length + resting.tendon
-    shift = unit_length - resting.unit if file.displacement else 0.0
-    ratios = (file.samples["length"] + shift) / unit_length
+    ratios = file.samples["length"] / unit_length
+    if file.displacement:
+        is_relative = file.displacement.unit == PERCENT
+        ratios = 1.0 + (file.samples["length"] - resting.unit) / (resting.unit if is_relative else unit_length)
     return bool(np.nanmin(ratios) >= MIN_SHORTENED_RATIO and np.nanmax(ratios) <= MAX_STRETCHED_RATIO)
