@@ -58,6 +58,13 @@ def test_noise_and_gaps_do_not_separate_repeats(tmp_path: Path) -> None:
     assert ks.draft_dataset(tmp_path, DEVICE).n_groups == 2
 
 
+def test_gaps_in_the_time_leave_recordings_apart(tmp_path: Path) -> None:
+    gap = np.where(TIME > 3.0, np.nan, TIME)
+    for name, time in (("a", TIME), ("b", gap), ("c", gap)):
+        write(tmp_path / f"{name}.csv", HEADINGS, [time, LENGTH, COMMAND, FORCE])
+    assert ks.draft_dataset(tmp_path, DEVICE).n_groups == 3
+
+
 def test_lengths_of_one_millimetre_apart_are_no_repeats(tmp_path: Path) -> None:
     for length in (330.0, 331.0, 350.0):
         write_held(tmp_path, f"{length:.0f}", length)

@@ -67,7 +67,7 @@ def _are_repeats(file: RecognizedFile, other: RecognizedFile, noise: Mapping[str
     for name, relative, smallest in limits:
         difference = _sample(file, name, times) - _sample(other, name, times)
         tolerance = max(relative * max(_compute_span([each], name) for each in pair), smallest)
-        if float(np.sqrt(np.mean(difference**2))) > tolerance:
+        if not float(np.sqrt(np.mean(difference**2))) <= tolerance:  # or the time is missing somewhere
             return False
     return True
 

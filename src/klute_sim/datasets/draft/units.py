@@ -43,8 +43,8 @@ def _compute_size(file: RecognizedFile, channel: str) -> float:
 
     0 for a file that is too short for a smaller unit of time.
     """
-    samples = file.samples[channel]
+    samples = file.samples[channel][np.isfinite(file.samples[channel])]
     if channel != "time":
-        return float(np.nanmax(samples))
-    is_short = float(np.nanmax(samples) - np.nanmin(samples)) < 1e3 * MIN_DURATION_S
-    return 0.0 if is_short else float(np.nanmedian(np.diff(samples)))
+        return float(samples.max())
+    is_short = float(np.ptp(samples)) < 1e3 * MIN_DURATION_S
+    return 0.0 if is_short else float(np.median(np.diff(samples)))
