@@ -21,6 +21,8 @@ SIGNIFICANT_DIGITS = 4
 """Number of significant digits of a formatted number."""
 MAX_DECIMALS = 9
 """Maximum number of decimals of values that differ little from each other."""
+MIN_DISTANCE_FRACTION = 1e-3
+"""Smallest distance of a value from an end of its interval that is shown, as a fraction of the interval."""
 EFFECTS_TITLE = "Added effects"
 """Title of the table of effects."""
 NUMBERS_TITLE = "Corrected numbers"
@@ -49,7 +51,8 @@ def format_interval(value: float, lower: float, upper: float) -> tuple[str, str,
     """
     numbers = (value, lower, upper)
     largest = max(map(abs, numbers))
-    distances = [distance for distance in (abs(value - lower), abs(upper - value)) if distance > 0.0]
+    min_distance = MIN_DISTANCE_FRACTION * (upper - lower)  # a value at a bound may miss it by rounding
+    distances = [distance for distance in (abs(value - lower), abs(upper - value)) if distance > min_distance]
     if not math.isfinite(sum(numbers)) or not distances or not 1e-4 <= largest < 1e7:
         return format_number(value), format_number(lower), format_number(upper)
     decimals = max(SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(largest)), -math.floor(math.log10(min(distances))), 0)
