@@ -191,11 +191,16 @@ class _Outcome(NamedTuple):
 
     def compute_bic(self, data: WeightedData) -> float:
         """Return the Bayesian information criterion of the final model, with the noise and samples of ``data``."""
-        fit, own_data = self.selected.final_fit, data.with_experiments(self.data.experiments)
-        residuals = own_data.weight_residuals(own_data.compute_residuals(fit.hypothesis, [fit.x])[0])
-        n_effects = len(fit.x) - fit.hypothesis.n_prior_parameters
-        priors = fit.x[: fit.hypothesis.n_prior_parameters]
-        return float(residuals @ residuals + priors @ priors + n_effects * np.log(data.n_effective))
+        fit = self.selected.final_fit
+        chi2 = _compute_chi2(data.with_experiments(self.data.experiments), fit)
+        return chi2 + (len(fit.x) - fit.hypothesis.n_prior_parameters) * float(np.log(data.n_effective))
+
+
+def _compute_chi2(data: WeightedData, fit: Fit) -> float:
+    """Return chi squared of ``data`` at the parameters of ``fit``; infinite where a simulation diverges."""
+    residuals = data.weight_residuals(data.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)[0])
+    priors = fit.x[: fit.hypothesis.n_prior_parameters]
+    return float(residuals @ residuals + priors @ priors)
 
 
 def _search_model(
@@ -244,10 +249,7 @@ def _compare_with_held_commands(
     fitted = [e for e in experiments if e.use == "fit" and e.measured]
     if not any(e.holds_command for e in fitted):
         return linear, []
-    data, base_fit = linear.data.with_experiments(fitted), linear.base_fit
-    residuals = data.weight_residuals(data.compute_residuals(base_fit.hypothesis, [base_fit.x])[0])
-    priors = base_fit.x[: base_fit.hypothesis.n_prior_parameters]
-    if residuals @ residuals + priors @ priors > base_fit.chi2:
+    if not _compute_chi2(linear.data.with_experiments(fitted), linear.base_fit) <= linear.base_fit.chi2:
         return linear, []
     progress(0.2, "fitting with commands that are held until the next sample")
     held = _search_model(dataset, experiments, simulator, cache, options, progress)
@@ -256,7 +258,7 @@ def _compare_with_held_commands(
     has_fewer_names = len(held.selected.final_fit.hypothesis.terms) < len(linear.selected.final_fit.hypothesis.terms)
     if held.selected.verdict == "unexplained" != linear.selected.verdict:
         return linear, []
-    if difference <= (-1.0 if has_fewer_names else 1.0) * linear.search.bic_threshold:
+    if not difference > (-1.0 if has_fewer_names else 1.0) * linear.search.bic_threshold:
         return linear, []
     remark = (
         "The commands are taken as held until their next sample; straight lines between samples act up to a sampling "
