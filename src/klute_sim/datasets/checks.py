@@ -8,7 +8,7 @@ from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, MechanismChannels, get_column_units
 from klute_sim.datasets.mechanism import DatasetMechanism
 from klute_sim.datasets.mechanism_channels import normalize_name
-from klute_sim.datasets.trial import Trial
+from klute_sim.datasets.trial import Trial, TrialChannels
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import compute_muscle_force
 from klute_sim.device.equilibrium import compute_equilibrium_state, compute_taut_state
@@ -30,19 +30,19 @@ from klute_sim.plausibility.samples import Samples
 from klute_sim.types import Array
 
 
-def find_implausible(rig: ChannelSource, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]) -> list[Finding]:
-    """Return what is implausible in ``trials``; ``units`` holds the units in the headings of each.
+def find_implausible(rig: ChannelSource, trials: Sequence[Trial], contents: Sequence[TrialChannels]) -> list[Finding]:
+    """Return what is implausible in ``trials``; ``contents`` holds what was read from the files of each.
 
     Of a device that is commanded by valve opening, only the motion and the loads of gait trials are examined.
     """
+    units = [content.units for content in contents]
     if isinstance(rig, MechanismChannels):
         return _find_implausible_devices(rig, trials, units)
-    rows = [
-        (trial, trial_units)
-        for trial, trial_units in zip(trials, units, strict=True)
+    device_trials = [
+        _describe_trial(trial, content, rig)
+        for trial, content in zip(trials, contents, strict=True)
         if trial.device.parameters.supply.command_is_opening == 0.0
     ]
-    device_trials = [_describe_trial(trial, trial_units, rig) for trial, trial_units in rows]
     if rig == "bench":
         return check_bench_trials(device_trials)
     findings: list[Finding] = []
@@ -161,8 +161,9 @@ def collect_samples(trial: Trial, units: Mapping[str, str], rig: ChannelSource) 
     }
 
 
-def _describe_trial(trial: Trial, units: Mapping[str, str], rig: ChannelSource) -> RecordedTrial:
+def _describe_trial(trial: Trial, content: TrialChannels, rig: ChannelSource) -> RecordedTrial:
     """Return the channels of ``trial`` that belong to its device, with the limits and a simulation of that device."""
+    units = content.units
     samples = collect_samples(trial, units, rig)
     series = {**trial.prescribed, **trial.measured}
     time_unit = units[TIME_COLUMN]
@@ -172,6 +173,9 @@ def _describe_trial(trial: Trial, units: Mapping[str, str], rig: ChannelSource) 
         limits=compute_device_limits(trial.device),
         simulate=_build_simulation(trial.device),
         time_unit=(time_unit, unit_conversion.get_si_factor(time_unit, "s") or 1.0),
+        group=trial.group,
+        specimen=trial.specimen,
+        sources=content.sources,
     )
 
 

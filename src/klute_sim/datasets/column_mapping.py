@@ -34,6 +34,11 @@ class ColumnMapping:
             if expression.columns or is_first or channel == TIME_COLUMN
         }
 
+    def describe_source(self, name: str, unit: str) -> str:
+        """Return the columns that channel ``name`` is read from, and its ``unit``."""
+        columns = self.expressions[name].columns if name in self.expressions else (name,)
+        return f"{', '.join(columns)} [{unit}]"
+
     def check_found(self, channels: Collection[str], tables: Sequence[Table], rig: ChannelSource) -> dict[str, str]:
         """Return the measured channels that are not among the ``channels`` of the ``tables``, with the reason.
 

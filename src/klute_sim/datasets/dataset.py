@@ -144,7 +144,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     tolerance = declarations.compute_tolerances(file.tolerance, channel_source, fit_trials, f"{source}: [tolerance]")
     findings = [
         *checks.find_implausible_changes(trials, [entry.device for entry in file.trial]),
-        *checks.find_implausible(channel_source, trials, [channels.units for channels in contents]),
+        *checks.find_implausible(channel_source, trials, contents),
     ]
     if mechanism is not None:
         checks.check_measured_channels(mechanism, trials, source)

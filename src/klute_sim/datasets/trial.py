@@ -109,6 +109,8 @@ class TrialChannels(NamedTuple):
     """Remarks for the user, one sentence each."""
     units: Mapping[str, str]
     """Channel or time -> unit in its heading; the unit of time is that of the first file."""
+    sources: Mapping[str, str]
+    """Channel -> columns that it is read from, and its unit; numbers in an expression do not count."""
     unmapped: Mapping[str, str]
     """Measured channel of the dataset's ``[columns]`` that the trial lacks -> reason."""
 
@@ -146,6 +148,7 @@ def read_trial(
     if unmapped and not any(channel in columns for channel in get_measured_units(rig)):
         raise InputError(next(iter(unmapped.values())))
     units = {channel: column.file.units[column.name] for channel, column in columns.items()}
+    sources = {channel: mapping.describe_source(column.name, units[channel]) for channel, column in columns.items()}
     if not has_supply and COMMAND_CHANNEL not in columns and columns:
         columns[COMMAND_CHANNEL] = _make_zero_column(next(iter(columns.values())))
         units[COMMAND_CHANNEL] = get_prescribed_units(rig)[COMMAND_CHANNEL]
@@ -153,7 +156,7 @@ def read_trial(
     _check_overlap(columns)
     units[TIME_COLUMN] = next(iter(columns.values())).file.units[TIME_COLUMN]
     digests = tuple(file.digest for file in tables)
-    return TrialChannels(prescribed, measured, digests, tuple(remarks), units, unmapped)
+    return TrialChannels(prescribed, measured, digests, tuple(remarks), units, sources, unmapped)
 
 
 class _Column(NamedTuple):

@@ -8,21 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.plausibility.bench import time_axis
-from klute_sim.plausibility.bench.causality import leads
 from klute_sim.plausibility.bench.trial import MEASURED, PRESCRIBED, SI_UNITS, RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.units import UNITS, Range
+from klute_sim.types import Array
 
 ATMOSPHERE = 101_325.0
 """Atmospheric pressure [Pa]."""
 MAX_PERMUTATIONS = 12
 """Maximum number of exchanges of columns that are simulated."""
-
-
 SAMPLING_RATE_FACTORS = 0.1, 10.0, 0.01, 100.0
 """Factors of times that were computed with a wrong sampling rate."""
-PRESSURES = {"pressure", "pressure_command"}
-"""Commanded and measured pressure."""
+EXTREMES = 5.0, 50.0, 95.0
+"""Percentiles of a length that must all be possible (assumed; the others may be spikes)."""
 
 
 class Mistake(NamedTuple):
@@ -34,6 +32,18 @@ class Mistake(NamedTuple):
     """The trial without the mistake."""
     evidence: tuple[str, ...] = MEASURED
     """Measured channels that have to agree better without the mistake."""
+    label: str = ""
+    """What distinguishes it from mistakes with findings of the same names, such as the unit."""
+
+    @property
+    def name(self) -> str:
+        """Name of the finding about the first channel concerned."""
+        return self.findings[0].name
+
+    @property
+    def key(self) -> str:
+        """What two trials with the same mistake have in common."""
+        return " ".join([*(finding.name for finding in self.findings), self.label])
 
 
 def list_mistakes(trial: RecordedTrial) -> Iterator[Mistake]:
@@ -58,13 +68,14 @@ def _list_sampling_rates(trial: RecordedTrial) -> Iterator[Mistake]:
                 f"time has a sample every {interval:.3g} s, but a simulation of this device agrees only if all times "
                 f"are multiplied by {factor:g}: the sampling rate that the times were computed with seems wrong"
             )
-            yield Mistake((Finding("time-scale", trial.place, statement),), trial.with_time_scale(factor))
+            finding = Finding("time-scale", trial.place, statement)
+            yield Mistake((finding,), trial.with_time_scale(factor), label=f"{factor:g}")
 
 
 def list_time_units(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield units that make an unusual time axis usual."""
     for unit, factor in time_axis.list_candidate_units(trial).items():
-        yield Mistake((time_axis.describe_time_unit(trial, unit),), trial.with_time_scale(factor))
+        yield Mistake((time_axis.describe_time_unit(trial, unit),), trial.with_time_scale(factor), label=unit)
 
 
 def _list_units(trial: RecordedTrial) -> Iterator[Mistake]:
@@ -74,7 +85,7 @@ def _list_units(trial: RecordedTrial) -> Iterator[Mistake]:
             for unit, factor in _list_other_units(trial, name):
                 statement = f"{_describe(trial, name)}: is its unit {unit}? Correct the heading"
                 corrected = trial.with_values(**{name: trial.get_samples(name).value * factor})
-                yield Mistake((Finding(f"{name}-unit", trial.place, statement),), corrected)
+                yield Mistake((Finding(f"{name}-unit", trial.place, statement),), corrected, label=unit)
     if (
         "pressure" in trial.channels
         and trial.get_samples("pressure").unit == trial.get_samples("pressure_command").unit
@@ -92,7 +103,7 @@ def _list_units(trial: RecordedTrial) -> Iterator[Mistake]:
             )
             changed = {name: trial.get_samples(name).value * factor for name in names}
             # A pressure that follows its command does so in any unit: only the others know how large both are.
-            yield Mistake(findings, trial.with_values(**changed), evidence=("force", "muscle_length"))
+            yield Mistake(findings, trial.with_values(**changed), evidence=("force", "muscle_length"), label=unit)
 
 
 def _list_other_units(trial: RecordedTrial, name: str) -> Iterator[tuple[str, float]]:
@@ -183,13 +194,10 @@ def _list_exchanges(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield exchanged columns: orders of the columns in which every channel that moves has a plausible magnitude."""
     names = tuple(trial.channels)
     written = {name: trial.get_samples(name).value / trial.get_samples(name).factor for name in names}
-    medians = {name: float(np.nanmedian(np.abs(written[name]))) for name in names}
     by_number_moved: list[tuple[int, tuple[str, ...]]] = []
     for order in permutations(names):
         moved = [(name, source) for name, source in zip(names, order, strict=True) if name != source]
-        if {name for name, _ in moved} == PRESSURES and not leads(trial, "pressure", "pressure_command"):
-            continue  # any slow regulator is explained better by the pressure that was reached than by the command
-        if moved and all(_is_possible(trial, name, medians[source]) for name, source in moved):
+        if moved and all(_is_possible(trial, name, written[source]) for name, source in moved):
             by_number_moved.append((len(moved), order))
     for _, order in sorted(by_number_moved)[:MAX_PERMUTATIONS]:
         pairs = [(name, source) for name, source in zip(names, order, strict=True) if name != source]
@@ -207,18 +215,23 @@ def _list_exchanges(trial: RecordedTrial) -> Iterator[Mistake]:
             f"this device they agree if {moves}; correct the headings"
         )
         names_of_channels = sorted((name for name, _ in pairs), key=_ORDER.index)
-        yield Mistake((Finding(f"{'-'.join(names_of_channels)}-exchanged", trial.place, statement),), corrected)
+        finding = Finding(f"{'-'.join(names_of_channels)}-exchanged", trial.place, statement)
+        yield Mistake((finding,), corrected, label=moves)
 
 
 _ORDER = ("force", "length", "muscle_length", "pressure", "pressure_command")
 
 
-def _is_possible(trial: RecordedTrial, name: str, median: float) -> bool:
-    """Return whether ``median``, in the unit of the heading of ``name``, is a possible magnitude of that channel."""
+def _is_possible(trial: RecordedTrial, name: str, written: Array) -> bool:
+    """Return whether ``written``, in the unit of the heading of ``name``, can be the samples of that channel."""
     low, high, typical = trial.limits.get_range(name)
     slack = 1.5 if name in ("length", "muscle_length") else 2.0
     low = 0.0 if name in ("force", "pressure", "pressure_command") else low
-    return Range(low / slack, high * slack, typical).contains(median * trial.get_samples(name).factor)
+    possible = Range(low / slack, high * slack, typical)
+    values = np.abs(written[np.isfinite(written)]) * trial.get_samples(name).factor
+    # The unit has a possible length at every moment: a pressure that begins at zero is no length.
+    percentiles = EXTREMES if name == "length" else (50.0,)
+    return all(possible.contains(float(value)) for value in np.percentile(values, percentiles))
 
 
 def _list_reversals(trial: RecordedTrial) -> Iterator[Mistake]:

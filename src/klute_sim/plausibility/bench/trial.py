@@ -1,7 +1,7 @@
 """A bench trial as the checks see it: channels, limits of its device, and a simulation of the device."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -99,6 +99,12 @@ class RecordedTrial:
     """Simulation of the device."""
     time_unit: tuple[str, float] = ("s", 1.0)
     """Unit of time in the heading, and its factor to SI."""
+    group: str = ""
+    """Group of repeats."""
+    specimen: str = ""
+    """Specimen of the device; '' where none is named."""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    """Channel -> columns that it is read from, and its unit: a mistake in these concerns all trials that share them."""
 
     @property
     def place(self) -> str:
@@ -108,6 +114,13 @@ class RecordedTrial:
     def get_samples(self, channel: str) -> Samples:
         """Return the samples of ``channel``."""
         return self.channels[channel].samples
+
+    def shares_sources(self, other: "RecordedTrial", channels: Collection[str]) -> bool:
+        """Return whether ``channels`` of both trials are read from the same columns with the same units."""
+        return all(
+            name in self.channels and name in other.channels and self.sources.get(name) == other.sources.get(name)
+            for name in channels
+        )
 
     def with_values(self, **values: Array) -> "RecordedTrial":
         """Return the trial with other samples [SI] of some channels."""
