@@ -139,6 +139,34 @@ def test_exchanged_columns_of_all_trials_are_found(tmp_path: Path) -> None:
     assert found["force-length-exchanged"] == ALL[:4]
 
 
+def test_absolute_pressures_are_found_by_the_force_at_rest(tmp_path: Path) -> None:
+    folder = write_fillings(tmp_path, add_atmosphere)
+    assert find(folder) == {"pressure_command-absolute": ALL}
+    with pytest.raises(
+        ImplausibleInputError, match=r"at which force is .* where a simulation of this device under gauge"
+    ):
+        load_dataset(folder)
+    assert len(load_dataset(folder, accept=["pressure_command-absolute"]).accepted) == len(ALL)
+
+
+@pytest.mark.parametrize("idle", [0.9, 1.0, 1.05])
+def test_gauge_that_idles_at_a_residual_pressure_is_accepted(idle: float, tmp_path: Path) -> None:
+    """The muscle pulls at that pressure."""
+    assert find(write_fillings(tmp_path, idle=idle)) == {}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        change_where(lambda f: f.ratio != 1.0, add_atmosphere),  # others begin at zero: the gauge shows gauge pressure
+        lambda f: f._replace(pressure=f.pressure + 0.5),
+        lambda f: f._replace(pressure=f.pressure + ATMOSPHERE_BAR, force=np.full(len(f.force), 300.0)),
+    ],
+)
+def test_other_pressures_are_not_absolute(change: Change, tmp_path: Path) -> None:
+    assert not [name for name in find(write_fillings(tmp_path, change)) if name.endswith("-absolute")]
+
+
 def test_forgotten_tare_is_left_to_the_diagnosis(tmp_path: Path) -> None:
     change: Change = lambda f: f._replace(force=f.force + 60.0)  # noqa: E731
     assert find(write_fillings(tmp_path, change)) == {}

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from klute_sim.plausibility.bench import time_axis
+from klute_sim.plausibility.bench.absolute_pressures import check_absolute_pressures
 from klute_sim.plausibility.bench.agreement import Agreement
 from klute_sim.plausibility.bench.assessment import MAX_CHANNEL_MISFIT, MIN_MISFIT, Assessment
 from klute_sim.plausibility.bench.dropouts import check_dropouts
@@ -34,9 +35,13 @@ def check_bench_trials(trials: Sequence[RecordedTrial]) -> list[Finding]:
         findings += gaps
         if not gaps:
             assessments.append(Assessment(trial, check_magnitudes(trial)))
+    absolute_pressures = check_absolute_pressures([each for each in assessments if not each.magnitudes])
+    absolute_places = {finding.place for finding in absolute_pressures}
+    findings += absolute_pressures
     for assessment in assessments:
-        mistake = _find_mistake(assessment, assessments)
-        findings += mistake or assessment.magnitudes or check_dropouts(assessment.trial)
+        if assessment.trial.place not in absolute_places:
+            mistake = _find_mistake(assessment, assessments)
+            findings += mistake or assessment.magnitudes or check_dropouts(assessment.trial)
     # A wrong unit of time makes every simulation of a trial meaningless, so what else one seems to show is not told.
     findings = [finding for finding in findings if finding.name == "time-unit"] or findings
     return findings or check_all_commands([each.trial for each in assessments if not _explains_force(each)])
