@@ -93,9 +93,9 @@ def test_writing_toml_preserves_any_text() -> None:
 
 
 def test_device_path_is_relative_to_the_folder(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_bytes(load_device("klute-3-4").content)
+    (tmp_path / "mine.toml").write_bytes(load_device("klute-1-1-4-pair").content)
     text = TEXT.replace("klute-3-4-pair", "mine.toml").split("[uncertain]")[0] + '[[trial]]\nfiles = ["a.csv"]\n'
-    assert load_dataset(write_dataset(tmp_path, text)).device.name == "klute-3-4"
+    assert load_dataset(write_dataset(tmp_path, text)).device.name == "klute-1-1-4-pair"
 
 
 def test_digest_depends_on_each_file(tmp_path: Path) -> None:

@@ -170,3 +170,14 @@ def test_other_pressures_are_not_absolute(change: Change, tmp_path: Path) -> Non
 def test_forgotten_tare_is_left_to_the_diagnosis(tmp_path: Path) -> None:
     change: Change = lambda f: f._replace(force=f.force + 60.0)  # noqa: E731
     assert find(write_fillings(tmp_path, change)) == {}
+
+
+def test_clamped_muscle_cannot_be_longer_than_its_braid(tmp_path: Path) -> None:
+    """The threads of the braid are 10 % longer than the muscle at rest; 5 % are possible."""
+    stretch: Change = lambda f: f._replace(length=400.0 - f.length)  # noqa: E731
+    folder = write_fillings(tmp_path, stretch)
+    assert find(folder) == {"length-geometry": ["85_1", "85_2"]}
+    with pytest.raises(
+        ImplausibleInputError, match="length is 230 mm, but the resting length of this muscle is 200 mm"
+    ):
+        load_dataset(folder)

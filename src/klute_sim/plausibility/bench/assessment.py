@@ -60,7 +60,7 @@ class Assessment:
         self.trial = trial
         self.magnitudes = list(magnitudes)
         self.has_wrong_range = bool(magnitudes)
-        """Whether a range is wrong: a simulation means little then."""
+        """Whether a range is wrong, or lengths of trials with the same columns are: a simulation means little then."""
         self._outcomes: dict[str, Outcome | None] = {}
 
     @cached_property

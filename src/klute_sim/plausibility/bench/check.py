@@ -11,6 +11,7 @@ from klute_sim.plausibility.bench.agreement import Agreement
 from klute_sim.plausibility.bench.assessment import MAX_CHANNEL_MISFIT, MIN_MISFIT, Assessment
 from klute_sim.plausibility.bench.dropouts import check_dropouts
 from klute_sim.plausibility.bench.magnitudes import (
+    LENGTH_GEOMETRY,
     check_all_commands,
     check_magnitudes,
     check_missing_value_codes,
@@ -38,6 +39,7 @@ def check_bench_trials(trials: Sequence[RecordedTrial]) -> list[Finding]:
     absolute_pressures = check_absolute_pressures([each for each in assessments if not each.magnitudes])
     absolute_places = {finding.place for finding in absolute_pressures}
     findings += absolute_pressures
+    _mark_wrong_lengths(assessments)
     for assessment in assessments:
         if assessment.trial.place not in absolute_places:
             mistake = _find_mistake(assessment, assessments)
@@ -45,6 +47,13 @@ def check_bench_trials(trials: Sequence[RecordedTrial]) -> list[Finding]:
     # A wrong unit of time makes every simulation of a trial meaningless, so what else one seems to show is not told.
     findings = [finding for finding in findings if finding.name == "time-unit"] or findings
     return findings or check_all_commands([each.trial for each in assessments if not _explains_force(each)])
+
+
+def _mark_wrong_lengths(assessments: Sequence[Assessment]) -> None:
+    """Mark the trials whose lengths are read from the same columns as lengths that no muscle has."""
+    stretched = [each.trial for each in assessments if any(f.name == LENGTH_GEOMETRY for f in each.magnitudes)]
+    for assessment in assessments:
+        assessment.has_wrong_range |= any(assessment.trial.shares_sources(trial, ["length"]) for trial in stretched)
 
 
 def _find_mistake(assessment: Assessment, assessments: Sequence[Assessment]) -> list[Finding]:

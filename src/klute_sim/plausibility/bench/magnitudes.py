@@ -25,6 +25,11 @@ MAX_FORCE_RATIO = 30.0
 """Ratio of the force to what the device can pull beyond which no calibration explains it (assumed)."""
 MAX_DISPLACEMENT_RATIO = 0.5
 """Largest ratio of a displacement, as of a crosshead that was zeroed, to the resting length (assumed)."""
+LENGTH_GEOMETRY = "length-geometry"
+"""Finding of a length that the declared geometry does not allow."""
+MAX_STRETCH = 1.03
+"""Largest ratio of a muscle's length to that of the threads of its braid (assumed: both are measured to some per
+cent)."""
 
 
 def check_missing_value_codes(trial: RecordedTrial) -> tuple[list[Finding], RecordedTrial]:
@@ -71,7 +76,7 @@ def _check_length(trial: RecordedTrial) -> list[Finding]:
         f"together, is {trial.format_limit('length', resting_length)}"
     )
     if plausible.low <= middle <= plausible.high:
-        return []
+        return _check_stretch(trial)
     if high < 0.0 and plausible.contains(-middle):
         return [Finding("length-sign", trial.place, f"{expected}: its sign seems reversed; write positive lengths")]
     guess = _guess_length_unit(trial, "length", middle, plausible)
@@ -89,7 +94,22 @@ def _check_length(trial: RecordedTrial) -> list[Finding]:
         return [Finding("length-zero", trial.place, statement)]
     if low > MAX_RATIO * resting_length or high < resting_length / MAX_RATIO:
         return [Finding("length-unit", trial.place, f"{expected}: its unit or its zero is wrong")]
-    return []
+    return _check_stretch(trial)
+
+
+def _check_stretch(trial: RecordedTrial) -> list[Finding]:
+    """Return a finding for a muscle that is longer than the threads of its braid; a tendon may be stretched."""
+    limits = trial.limits
+    longest = float(np.percentile(trial.get_samples("length").finite, 100.0 - MAX_SPIKE_PERCENT))
+    if not limits.pulls or limits.tendon_length or longest <= MAX_STRETCH * limits.braid_length:
+        return []
+    thread, rest = (trial.format_limit("length", value) for value in (limits.braid_length, limits.muscle_length))
+    statement = (
+        f"length is {trial.format_channel('length')}, but the resting length of this muscle is {rest}, and no force "
+        f"stretches it beyond the threads of its braid, {thread}: check the sign of the change of length, "
+        "muscle.resting_length_mm, and which specimen was recorded"
+    )
+    return [Finding(LENGTH_GEOMETRY, trial.place, statement)]
 
 
 def _check_muscle_length(trial: RecordedTrial) -> list[Finding]:

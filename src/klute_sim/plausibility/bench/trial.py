@@ -1,5 +1,6 @@
 """A bench trial as the checks see it: channels, limits of its device, and a simulation of the device."""
 
+import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -38,6 +39,11 @@ class DeviceLimits(NamedTuple):
     def unit_length(self) -> float:
         """Resting length of muscle and tendon together."""
         return self.muscle_length + self.tendon_length
+
+    @property
+    def braid_length(self) -> float:
+        """Length of a thread of the braid, which no muscle exceeds."""
+        return math.sqrt(3.0) * self.lock_length
 
     @property
     def pulls(self) -> bool:
