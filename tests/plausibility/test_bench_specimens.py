@@ -167,6 +167,21 @@ def test_other_pressures_are_not_absolute(change: Change, tmp_path: Path) -> Non
     assert not [name for name in find(write_fillings(tmp_path, change)) if name.endswith("-absolute")]
 
 
+@pytest.mark.parametrize("strength", [2.7, 5.0, 0.25])
+def test_force_that_no_unit_explains_contradicts_the_geometry(strength: float, tmp_path: Path) -> None:
+    folder = write_fillings(tmp_path, strength=dict.fromkeys(WEAKNESS, strength))
+    found = find(folder)
+    assert list(found) == (["force-geometry"] if strength > 1.0 else ["force-unit"])
+
+
+def test_message_about_geometry_states_factor_and_what_to_check(tmp_path: Path) -> None:
+    folder = write_fillings(tmp_path, strength=dict.fromkeys(WEAKNESS, 2.8))
+    pattern = r"2\.8 times that of .* \(.* to .* times in the 8 trials of specimen 'a'\).*check the diameter"
+    with pytest.raises(ImplausibleInputError, match=pattern):
+        load_dataset(folder)
+    assert find(folder) == {"force-geometry": ALL}
+
+
 def test_forgotten_tare_is_left_to_the_diagnosis(tmp_path: Path) -> None:
     change: Change = lambda f: f._replace(force=f.force + 60.0)  # noqa: E731
     assert find(write_fillings(tmp_path, change)) == {}

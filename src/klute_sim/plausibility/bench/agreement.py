@@ -37,8 +37,17 @@ class Agreement(NamedTuple):
     """0: the channel agrees; 1: it contradicts the simulation."""
     simulated: Array
     """Simulated samples [SI] at the times of the measured ones."""
-    scale_error: float
-    """Natural logarithm of the ratio of measured to simulated magnitude, without sign."""
+    size_ratio: float
+    """Ratio of measured to simulated magnitude; 0 or infinite where one of them is 0."""
+    span_ratio: float
+    """Ratio of measured to simulated range, which a wrong zero of the sensor does not change."""
+    correlation: float
+    """Correlation of measured and simulated course."""
+
+    @property
+    def scale_error(self) -> float:
+        """Natural logarithm of the ratio of magnitudes, without sign."""
+        return abs(math.log(self.size_ratio)) if 0.0 < self.size_ratio < math.inf else math.inf
 
 
 def simulate_trial(trial: RecordedTrial) -> Response | None:
@@ -118,7 +127,11 @@ def compare_trial(
         compute_misfit = _compute_load_misfit if has_constant_load and name == "force" else _MISFITS[name]
         misfit = compute_misfit(trial, _clip_outliers(measured), expected)
         if misfit is not None:
-            agreements[name] = Agreement(misfit, expected, _compute_scale_error(measured, expected))
+            sizes = (float(np.percentile(np.abs(values), 95.0)) for values in (measured, expected))
+            spans = (compute_span(values) for values in (measured, expected))
+            agreements[name] = Agreement(
+                misfit, expected, _divide(*sizes), _divide(*spans), compute_correlation(measured, expected)
+            )
     return agreements
 
 
@@ -128,17 +141,20 @@ def find_calibration(trial: RecordedTrial, agreement: Agreement) -> float | None
     measured = channel.samples.value[np.isfinite(channel.samples.value)][:response_size]
     if len(measured) != response_size or agreement.scale_error < math.log(MIN_CALIBRATION):
         return None
-    for force in (measured, agreement.simulated):  # a force that hardly varies is a load
-        if compute_span(force) < MIN_RELATIVE_FORCE_RANGE * float(np.percentile(np.abs(force), 95.0)):
-            return None
+    if not (varies(measured) and varies(agreement.simulated)):  # a force that hardly varies is a load
+        return None
     if compute_correlation(measured, agreement.simulated) < MIN_CALIBRATION_CORRELATION:
         return None
     return compute_span(agreement.simulated) / compute_span(measured)
 
 
-def _compute_scale_error(measured: Array, expected: Array) -> float:
-    largest = [float(np.percentile(np.abs(values), 95.0)) for values in (measured, expected)]
-    return abs(math.log(largest[0] / largest[1])) if min(largest) > 0.0 else math.inf
+def varies(force: Array) -> bool:
+    """Return whether the course of ``force`` can be compared."""
+    return compute_span(force) >= MIN_RELATIVE_FORCE_RANGE * float(np.percentile(np.abs(force), 95.0))
+
+
+def _divide(measured: float, expected: float) -> float:
+    return measured / expected if expected > 0.0 else math.inf
 
 
 def _clip_outliers(values: Array) -> Array:

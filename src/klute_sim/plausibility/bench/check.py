@@ -10,6 +10,7 @@ from klute_sim.plausibility.bench.absolute_pressures import check_absolute_press
 from klute_sim.plausibility.bench.agreement import Agreement
 from klute_sim.plausibility.bench.assessment import MAX_CHANNEL_MISFIT, MIN_MISFIT, Assessment
 from klute_sim.plausibility.bench.dropouts import check_dropouts
+from klute_sim.plausibility.bench.geometry import check_force_geometry
 from klute_sim.plausibility.bench.magnitudes import (
     LENGTH_GEOMETRY,
     check_all_commands,
@@ -46,7 +47,11 @@ def check_bench_trials(trials: Sequence[RecordedTrial]) -> list[Finding]:
             findings += mistake or assessment.magnitudes or check_dropouts(assessment.trial)
     # A wrong unit of time makes every simulation of a trial meaningless, so what else one seems to show is not told.
     findings = [finding for finding in findings if finding.name == "time-unit"] or findings
-    return findings or check_all_commands([each.trial for each in assessments if not _explains_force(each)])
+    return (
+        findings
+        or check_force_geometry(assessments)
+        or check_all_commands([each.trial for each in assessments if not _explains_force(each)])
+    )
 
 
 def _mark_wrong_lengths(assessments: Sequence[Assessment]) -> None:
