@@ -9,7 +9,7 @@ from benchmarks.robustness.plausibility.recordings import Variant, find_names, w
 
 from klute_sim.datasets.dataset import load_dataset
 from klute_sim.datasets.write import write_trial
-from klute_sim.device.device import parse_device
+from klute_sim.device.device import load_device, parse_device
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.plausibility.finding import ImplausibleInputError
 from klute_sim.types import Array
@@ -73,6 +73,28 @@ def test_a_fast_regulator_without_a_force_does_not_tell_another_unit(tmp_path: P
     head = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "klute-3-4-pair"\n'
     (tmp_path / "dataset.toml").write_text(head + '[[trial]]\nfiles = ["step.csv"]\n')
     assert load_dataset(tmp_path).accepted == ()
+
+
+@pytest.mark.parametrize("has_force", [False, True])
+def test_slow_supply_alone_is_no_wrong_sampling_rate(tmp_path: Path, has_force: bool) -> None:
+    """A supply of 6 bar/s, where the device file says 60: with a force, all velocities tell the sampling rate."""
+    device = load_device("klute-3-4-pair")
+    time = np.arange(0.0, 8.0, 0.005)
+    command = np.array([0.5, 3.5, 1.0, 4.5])[np.minimum(3, (time / 2.0).astype(int))]
+    fast = 0.1 * time
+    length = 340.0 + 4.0 * np.sin(2.0 * np.pi * 2.0 * fast)
+    parameters = device.parameters
+    response = simulate_rollouts(parameters, 1e-3 * length, 1e5 * command, 0.0005)
+    columns = {"time [s]": time, "length [mm]": length, "pressure_command [bar]": command}
+    columns |= {"pressure [bar]": 1e-5 * response.pressure, **({"force [N]": response.tension} if has_force else {})}
+    write_trial(tmp_path / "steps.csv", columns)
+    head = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "klute-3-4-pair"\n'
+    (tmp_path / "dataset.toml").write_text(head + '[[trial]]\nfiles = ["steps.csv"]\n')
+    if not has_force:
+        assert load_dataset(tmp_path).accepted == ()
+        return
+    with pytest.raises(ImplausibleInputError, match="sampling rate that the times were computed with seems wrong"):
+        load_dataset(tmp_path)
 
 
 def write_muscle_trial(folder: Path, resting_length: float, columns: dict[str, Array]) -> Path:

@@ -59,7 +59,12 @@ def list_mistakes(trial: RecordedTrial) -> Iterator[Mistake]:
 
 
 def _list_sampling_rates(trial: RecordedTrial) -> Iterator[Mistake]:
-    """Yield sampling rates that are wrong by a power of ten; every velocity and every lag tells them."""
+    """Yield sampling rates that are wrong by a power of ten; every velocity and every lag tells them.
+
+    Pressures alone do not: a hose or a needle valve may be ten times as slow as the supply of the device file.
+    """
+    if not trial.channels.keys() & {"force", "muscle_length"}:
+        return
     interval, duration = time_axis.measure_time_axis(trial)
     # With few samples per second, the samples say little about what happens between them.
     for factor in SAMPLING_RATE_FACTORS if time_axis.is_usual(interval, duration) else ():
