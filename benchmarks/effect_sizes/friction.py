@@ -82,6 +82,15 @@ def measure_tendon_step(effect: str, form: str, parameters: Mapping[str, float])
     return (with_effect - without) / 5.0
 
 
+def measure_tendon_damping(effect: str, form: str, parameters: Mapping[str, float], frequency: float) -> float:
+    """Return the work [J] that a sine of ``frequency`` [Hz] between 2 and 10 mm of stretch loses in a cycle."""
+    n = 20_000
+    phase = np.arange(2 * n + 1) / n
+    stretch = 6e-3 - 4e-3 * np.cos(2.0 * np.pi * phase)
+    tension = simulate_stretched_tendon(make_device(effect, form, parameters), stretch, 1.0 / (n * frequency))
+    return compute_work(stretch[n:], tension[n:])
+
+
 def state_braid_loop(slope_n_per_bar: float, corner: float = 0.0) -> float:
     """Return the energy [J] of a loop of friction ``n slope P``, whose stroke counts less by ``corner`` [m]."""
     friction = N_MUSCLES * slope_n_per_bar * PRESSURE_BAR
@@ -149,6 +158,18 @@ def make_tendon_rows() -> list[EffectSize]:
                     measure=partial(measure, "tendon_hysteresis", "maxwell", maxwell),
                 )
             )
+    for damping, frequency in ((1.0, 1.0), (2.0, 1.0), (1.0, 4.0)):
+        viscous = {"damping_n_s_per_mm": damping}
+        rows.append(
+            EffectSize(
+                effect="tendon_hysteresis",
+                form="viscous",
+                parameters=viscous,
+                quantity=f"loop area, sine of 2 to 10 mm, {frequency:g} Hz [J]",
+                stated=np.pi * 1e3 * damping * (2.0 * np.pi * frequency) * 4e-3**2,
+                measure=partial(measure_tendon_damping, "tendon_hysteresis", "viscous", viscous, frequency=frequency),
+            )
+        )
     return rows
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.hidden_effects.air import GAS_CONSTANT, REFERENCE_DENSITY_FACTOR, AirSupply, is_coupled_to_motion
-from benchmarks.hidden_effects.catalogue import EFFECTS, OTHER_FORMS
+from benchmarks.hidden_effects.catalogue import EFFECTS, LATER_FORMS, OTHER_FORMS
 from benchmarks.hidden_effects.damper import compare_oil
 from benchmarks.hidden_effects.law import Law
 
@@ -81,7 +81,7 @@ def add_effects(law: Law, air: AirSupply, effects: Sequence[Mapping[str, Any]]) 
     """Return the device with ``effects``, each ``{"name", "form", "parameters"}``."""
     for effect in effects:
         key, p = (effect["name"], effect["form"]), effect["parameters"]
-        expected = {**EFFECTS, **OTHER_FORMS}.get(key)
+        expected = {**EFFECTS, **OTHER_FORMS, **LATER_FORMS}.get(key)
         if expected is None:
             raise ValueError(f"no effect {key[0]!r} with form {key[1]!r}")
         if set(p) != set(expected):
@@ -180,6 +180,8 @@ def _apply_effect(
             law = law._replace(
                 tendon_stiffness=parameters["stiffness_n_per_mm"] * 1e3, tendon_time=parameters["time_constant_s"]
             )
+        case ("tendon_hysteresis", "viscous"):
+            law = law._replace(tendon_damping=parameters["damping_n_s_per_mm"] * 1e3)
         case ("tendon_slack", "dead_length"):
             law = law._replace(tendon_slack=parameters["slack_mm"] * 1e-3)
         case ("tendon_slack", "toe"):

@@ -127,13 +127,13 @@ def advance_device(
 
     ``pressures`` are those at the start, at the first stage and at the end.
     """
-    gh, middle, base = GAMMA * h, work[0], work[1]
-    first = BoundaryConditions(units[0] + GAMMA * (units[1] - units[0]), pressures[1], 0.0)
+    gh, middle, base, rate = GAMMA * h, work[0], work[1], (units[1] - units[0]) / h
+    first = BoundaryConditions(units[0] + GAMMA * (units[1] - units[0]), rate, pressures[1], 0.0)
     v1 = solve_stage(v, L, first, gh, state, state, middle, law, air)
     for i in range(N_INTERNAL_STATES):
         base[i] = state[i] + (1.0 - GAMMA) / GAMMA * (middle[i] - state[i])
     start = L + (1.0 - GAMMA) * h * v1
-    last = BoundaryConditions(units[1], pressures[2], 0.0)
+    last = BoundaryConditions(units[1], rate, pressures[2], 0.0)
     v2 = solve_stage(v1, start, last, gh, middle, base, new, law, air)
     return start + gh * v2, v2
 
@@ -145,7 +145,7 @@ def resting_tension(joint: JointLaw, q: float, side: float, pressure: float, law
     L = solve_rest_length(unit, pressure, law)
     stretch = unit - L - law.slack - law.tendon_slack
     set_rest_state(memory, L - law.resting_length, stretch, law)
-    return tendon_tension(stretch, memory, law)
+    return tendon_tension(stretch, 0.0, memory, law)
 
 
 @cached_njit
@@ -196,7 +196,7 @@ def integrate_joint(
         lengths[k] = solve_rest_length(unit, pressures[k, 0], laws[k])
         stretch = unit - lengths[k] - laws[k].slack - laws[k].tendon_slack
         set_rest_state(state[k], lengths[k] - laws[k].resting_length, stretch, laws[k])
-        tensions[k] = tendon_tension(stretch, state[k], laws[k])
+        tensions[k] = tendon_tension(stretch, 0.0, state[k], laws[k])
         tensions[k] = force_with_error(tensions[k], pressures[k, 0], unit, errors[k])
     moment = joint_moment(joint, q, tensions[0], tensions[1])
     out[0, 0], out[1, 0], out[2, 0] = q, tensions[0], tensions[1]
@@ -228,7 +228,7 @@ def integrate_joint(
                 )
                 state[k] = new
                 stretch = units[1] - lengths[k] - laws[k].slack - laws[k].tendon_slack
-                tensions[k] = tendon_tension(stretch, state[k], laws[k])
+                tensions[k] = tendon_tension(stretch, (units[1] - units[0]) / h - speeds[k], state[k], laws[k])
                 tensions[k] = force_with_error(tensions[k], p[2], units[1], errors[k])
             q = q_new
             moment = joint_moment(joint, q, tensions[0], tensions[1])

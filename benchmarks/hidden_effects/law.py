@@ -13,7 +13,7 @@ from benchmarks.hidden_effects.damper import orifice_tension, solve_chamber
 
 SIGN_SPEED = 0.05e-3  # m/s: width of the smooth sign
 TENDON_SLIDER_REACH = 0.05e-3  # m: reach of the tendon's slider
-TENDON_CLOSING_STRETCH = 1e-6  # m: over which a tendon with Maxwell memory takes up its load (its law jumps there)
+TENDON_CLOSING_STRETCH = 1e-6  # m: over which a tendon takes up the load of its losses (their law jumps there)
 FADE_PRESSURE = 2e5  # Pa: below it the friction offset fades to nothing
 REFERENCE_DIAMETER = 10e-3  # m: of the bladder whose threshold pressure and passive tension the parameters state
 PASSIVE_PRESSURE = 0.1e5  # Pa: over which the passive tension of a muscle at rest appears
@@ -109,6 +109,7 @@ class Law(NamedTuple):
     tendon_loss: float
     tendon_stiffness: float
     tendon_time: float
+    tendon_damping: float
     tendon_slack: float
     # Other functional forms, which are in nobody's catalogue.
     contact_slope: float
@@ -298,8 +299,8 @@ def elastic_tendon_tension(stretch: float, law: Law) -> float:
 
 
 @cached_njit
-def tendon_tension(stretch: float, state: np.ndarray, law: Law) -> float:
-    """Return the tendon tension with its losses; ``stretch`` excludes the dead length."""
+def tendon_tension(stretch: float, rate: float, state: np.ndarray, law: Law) -> float:
+    """Return the tendon tension with its losses at a ``rate`` of stretching; ``stretch`` excludes the dead length."""
     if stretch <= 0.0:
         return 0.0
     force = elastic_tendon_tension(stretch, law)
@@ -310,6 +311,8 @@ def tendon_tension(stretch: float, state: np.ndarray, law: Law) -> float:
         force += (
             law.tendon_stiffness * (stretch - state[TENDON_RELAXED_INDEX]) * min(1.0, stretch / TENDON_CLOSING_STRETCH)
         )
+    if law.tendon_damping != 0.0:
+        force += law.tendon_damping * rate * min(1.0, stretch / TENDON_CLOSING_STRETCH)
     return max(0.0, force)
 
 

@@ -71,6 +71,8 @@ class BoundaryConditions(NamedTuple):
 
     unit_length: float
     """Length of the unit [m]."""
+    unit_rate: float
+    """Rate of that length [m/s]."""
     pressure: float
     """Air pressure, or its disturbance where the air is integrated with the motion."""
     target: float
@@ -105,7 +107,7 @@ def force_residual(
         held
         + rate_dependent_tension(felt, v, law)
         + stateful_damping_tension(v, x, old, new, law)
-        - tendon_tension(stretch, new, law)
+        - tendon_tension(stretch, boundary.unit_rate - v, new, law)
     )
 
 
@@ -172,11 +174,22 @@ def evaluate_length_spline(t: float, length_spline: np.ndarray) -> float:
 
 
 @cached_njit
+def evaluate_length_rate(t: float, length_spline: np.ndarray) -> float:
+    """Return the rate of the prescribed unit length [m/s]; at a knot that of the piece before, in which a step ends."""
+    i = min(max(math.ceil(t / TRACE_STEP - 1e-9) - 1, 0), length_spline.shape[1] - 1)
+    s = t - i * TRACE_STEP
+    return (3.0 * length_spline[0, i] * s + 2.0 * length_spline[1, i]) * s + length_spline[2, i]
+
+
+@cached_njit
 def boundary_conditions_at(t: float, inputs: DeviceInputs, air: AirSupply) -> BoundaryConditions:
     """Return the boundary conditions at ``t``."""
     target = target_pressure(t, inputs.command, inputs.command_step, air) if is_coupled_to_motion(air) else 0.0
     return BoundaryConditions(
-        evaluate_length_spline(t, inputs.length_spline), interpolate_on_grid(t, inputs.pressure, AIR_STEP), target
+        evaluate_length_spline(t, inputs.length_spline),
+        evaluate_length_rate(t, inputs.length_spline),
+        interpolate_on_grid(t, inputs.pressure, AIR_STEP),
+        target,
     )
 
 
@@ -214,7 +227,7 @@ def solve_rest_length(unit: float, pressure: float, law: Law) -> float:
         stretch = unit - middle - law.slack - law.tendon_slack
         set_rest_state(none, middle - law.resting_length, stretch, law)  # with all memories at rest
         pull = static_muscle_tension(effective_pressure(pressure, middle, law), middle, law) - tendon_tension(
-            stretch, none, law
+            stretch, 0.0, none, law
         )
         if pull > 0.0:
             high = middle
@@ -274,5 +287,6 @@ def integrate_device(
         length[k], pressure[k] = L, boundary.pressure
         if is_coupled:
             pressure[k] += memory[PRESSURE_INDEX] + memory[DISTURBANCE_INDEX]
-        force[k] = tendon_tension(boundary.unit_length - L - law.slack - law.tendon_slack, memory, law)
+        stretch, rate = boundary.unit_length - L - law.slack - law.tendon_slack, boundary.unit_rate - v
+        force[k] = tendon_tension(stretch, rate, memory, law)
     return force, length, pressure, steps

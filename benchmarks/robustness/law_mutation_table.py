@@ -109,6 +109,7 @@ WRONG_SIZES = {
         ("p.stiffening * stretch", 2.0),
         ("p.slack", 2.0),
         ("p.stiffness * (stretch - state.relaxed_stretch)", 2.0),
+        ("p.damping * state.stretch_rate", 2.0),
     ),
     "effects/families/air.py": (
         ("p.conductance,\n", 2.0),
@@ -209,6 +210,12 @@ WRONG_LAWS = (
     ),
     ("slider on one side", "effects/smoothing.py", ", position + max_distance)", ", position)"),
     ("loss as half width", "effects/families/tendon.py", "_fraction / (2.0 - p.loss_fraction)", "_fraction"),
+    (
+        "damper of a slack tendon",
+        "effects/families/tendon.py",
+        "taut_stretch = max(0.0, stretch)",
+        "taut_stretch = stretch",
+    ),
     (
         "Cd for Cd^2",
         "effects/families/damper.py",

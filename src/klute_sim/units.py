@@ -28,6 +28,7 @@ KEY_UNITS: dict[str, tuple[str, float]] = {
     "_m": ("m", 1.0),
     "_n": ("N", 1.0),
     "_n_s_per_m": ("N·s/m", 1.0),
+    "_n_s_per_mm": ("N·s/mm", 1e3),
     "_mm_per_s": ("mm/s", 1e-3),
     "_s": ("s", 1.0),
     "_m_per_s2": ("m/s²", 1.0),

@@ -99,6 +99,14 @@ def test_later_form_agrees_with_package(key: tuple[str, str]) -> None:
         assert gap < CHANNELS[name], (name, gap)
 
 
+@pytest.mark.parametrize("scale", [1.0, 4.0])
+@pytest.mark.parametrize("key", marked(catalogue.LATER_FORMS, {}))
+def test_form_that_no_block_hides_agrees_with_package(key: tuple[str, str], scale: float) -> None:
+    parameters = {name: plan.draw_value(p, scale) for name, p in catalogue.LATER_FORMS[key].items()}
+    for name, gap in apart([{"name": key[0], "form": key[1], "parameters": parameters}]).items():
+        assert gap < CHANNELS[name], (name, gap)
+
+
 def coupled(exponent: float) -> dict:
     parameters = {"recovery_s": 0.05, "exponent": exponent}
     return {"name": "volume_coupling", "form": "polytropic", "parameters": parameters}
@@ -151,11 +159,12 @@ def test_names_and_parameters_equal_those_of_catalogue() -> None:
     del theirs["seal_friction", "pressure"]  # for cylinders: to a damper beside a muscle it is a form that is not known
     for key, (_, (form, _)) in OTHER_NAMES.items():
         del theirs[key[0], form]
-    assert set(theirs) == set(catalogue.EFFECTS)
+    known = catalogue.EFFECTS | catalogue.LATER_FORMS
+    assert set(theirs) == set(known)
     for key, form in theirs.items():
-        assert set(catalogue.EFFECTS[key]) == {p.key for p in form.parameters}
+        assert set(known[key]) == {p.key for p in form.parameters}
         for p in form.parameters:
-            hidden = catalogue.EFFECTS[key][p.key]
+            hidden = known[key][p.key]
             assert (hidden.typical, hidden.neutral) == (p.typical, p.neutral)
             assert p.lower <= hidden.low < hidden.high <= p.upper
     assert not set(catalogue.OTHER_FORMS) & set(theirs)

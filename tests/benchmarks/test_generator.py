@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"
 
-FORMS = {**catalogue.EFFECTS, **catalogue.OTHER_FORMS}
+FORMS = {**catalogue.EFFECTS, **catalogue.OTHER_FORMS, **catalogue.LATER_FORMS}
 LAW, AIR = device.build_neutral_law(device.load_device())
 PROGRAM = inputs.generate_programs(np.random.default_rng(7))[2]
 
@@ -287,6 +287,7 @@ def test_plans_cover_catalogue_and_extend() -> None:
     faults = [s["instruments"][0] for s in plan.plan_datasets("instrument", 18, 1)]
     assert len({(fault["name"], fault["channel"]) for fault in faults}) == 18
     assert len(catalogue.OTHER_FORMS) >= 6
+    assert not set(catalogue.LATER_FORMS) & (set(catalogue.EFFECTS) | set(catalogue.OTHER_FORMS))
 
 
 def test_generator_is_independent_of_package_and_resumes(tmp_path: Path) -> None:
