@@ -108,7 +108,7 @@ def test_maxwell_branch_that_relaxes_fast_is_viscous() -> None:
 
 
 @pytest.mark.parametrize("dt", [5e-4, 1e-3, 5e-3])
-@pytest.mark.parametrize("damping", [1.0, 20.0])
+@pytest.mark.parametrize("damping", [1.0, 20.0, 200.0])
 def test_viscous_tendon_beside_a_muscle_is_stable_and_converges(damping: float, dt: float) -> None:
     """The rate in the balance of forces is that of the same step."""
     device = make_viscous(damping, load_device("klute-3-4-pair").parameters)
