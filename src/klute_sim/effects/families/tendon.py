@@ -94,9 +94,9 @@ def step_stretch_rate(
     """Return the rate [m/s] of the taut stretch ``max(0, x)`` in the step, and the taut stretch [m] after it.
 
     The rate is that of the step itself (backward Euler), so the damper is stable at any step under a prescribed length.
-    A tendon that becomes taut within the step begins at 0, so the tension is continuous in the stretch. In MuJoCo the
-    length of the unit at the end of a step does not depend on the tension: with steps of 1 ms, a walk with more than 10
-    N·s/mm chatters while the muscle rests at its stop; with those of 0.5 ms, one with 200 N·s/mm does not (measured).
+    A tendon that becomes taut within the step begins at 0, so the tension is continuous in the stretch. On a model's
+    free foot the damper acts a step late: with steps of 1 ms the default device chatters in gait at 20 N·s/mm, not at
+    10; with those of 0.5 ms not even at 200 (measured by the residual of the energy balance: 6 %, else below 0.03 %).
     """
     taut_stretch = max(0.0, stretch)
     return (taut_stretch - state.taut_stretch) / dt, taut_stretch
