@@ -73,8 +73,8 @@ def step_relaxed_stretch(
 def viscous_force(p: Any, state: Any, force: float, stretch: float) -> float:
     """Return the tension [N] plus ``c dx/dt`` while taut: a damper parallel to the springs.
 
-    This is the model of Kelvin and Voigt (Fung, Biomechanics, Springer, 1993, chapter 2). Where the sum is negative,
-    the tendon does not push: the device clips its tension at 0, which is passive, too.
+    This is the model of Kelvin and Voigt (Fung, Biomechanics, Springer, 1993, chapter 2; quoted from memory). Where the
+    sum is negative, the tendon does not push: the device clips its tension at 0, which is passive, too.
     """
     if stretch <= 0.0:
         return force
