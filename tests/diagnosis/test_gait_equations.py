@@ -15,6 +15,8 @@ from klute_sim.errors import InputError
 from klute_sim.gait.rig.build import build_gait_model
 from tests.diagnosis import synthetic_walk as walk
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def simulator() -> Iterator[Simulator]:

@@ -14,6 +14,8 @@ from klute_sim.diagnosis.planning.gait_proposals import GaitProposal, propose_ga
 from klute_sim.diagnosis.planning.gait_protocols import GaitProtocol, list_gait_protocols
 from tests.diagnosis import synthetic_walk as walk
 
+pytestmark = pytest.mark.slow
+
 PROTOCOLS = {protocol.name: protocol for protocol in list_gait_protocols()}
 
 

@@ -23,7 +23,14 @@ TIME = np.arange(600) * STEP
 LENGTH = 0.362 + 0.005 * np.sin(12 * TIME)
 COMMAND = np.where(TIME % 0.4 < 0.2, 4e5, 1e5)
 VALVE = "klute-1-1-4-pair-valve"
-SLOTS = pytest.mark.parametrize("slot", catalogue.get_device_slots(), ids=lambda s: f"{s.effect}-{s.form.name}")
+SLOTS = pytest.mark.parametrize(
+    "slot",
+    [
+        pytest.param(slot, id=f"{slot.effect}-{slot.form.name}", marks=pytest.mark.slow if index % 2 else [])
+        for index, slot in enumerate(catalogue.get_device_slots())
+    ],
+)
+"""All forms of device effects; every second one is slow."""
 
 
 def make_device(slot: EffectSlot) -> tuple[str, Device]:

@@ -151,7 +151,14 @@ def test_invalid_reset_is_refused(name: str) -> None:
     assert envs.np_random_seed == (3, 8)
 
 
-@pytest.mark.parametrize("copy_environment", [copy.deepcopy, copy.copy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize(
+    "copy_environment",
+    [
+        copy.deepcopy,
+        pytest.param(copy.copy, marks=pytest.mark.slow),
+        pytest.param(lambda env: pickle.loads(pickle.dumps(env)), marks=pytest.mark.slow),
+    ],
+)
 def test_copy_in_mid_episode_continues_exactly(name: str, copy_environment: Any) -> None:
     options: dict[str, Any] = {"device": make_complicated_device(name)}
     if name == GAIT:

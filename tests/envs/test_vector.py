@@ -43,7 +43,13 @@ def are_equal(a: object, b: object) -> bool:
     ],
     ids=["gait", "force", "work", "joint", "walk"],
 )
-@pytest.mark.parametrize("autoreset", list(AutoresetMode))
+@pytest.mark.parametrize(
+    "autoreset",
+    [
+        AutoresetMode.NEXT_STEP,
+        *(pytest.param(mode, marks=pytest.mark.slow) for mode in (AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)),
+    ],
+)
 def test_batch_is_bit_identical_to_single_environments(
     autoreset: AutoresetMode, name: str, options: dict[str, object]
 ) -> None:

@@ -20,6 +20,14 @@ FOOT = build_device_foot(PLAIN)
 FORMS = [(e, form) for e in catalogue.get_named_effects().values() if e.kind == "body" for form in e.forms]
 IDS = [f"{effect.name}-{form.name}" for effect, form in FORMS]
 ALL_FORMS = pytest.mark.parametrize(("effect", "form"), FORMS, ids=IDS)
+REPLAYED_FORMS = pytest.mark.parametrize(
+    ("effect", "form"),
+    [
+        pytest.param(*pair, id=name, marks=pytest.mark.slow if index % 2 else [])
+        for index, (pair, name) in enumerate(zip(FORMS, IDS, strict=True))
+    ],
+)
+"""All forms; every second one is slow."""
 STEP = 5e-4
 
 
@@ -102,7 +110,7 @@ def replay_gait_run(device: Device, feet: tuple[Foot, ...]) -> list[float]:
     ]
 
 
-@ALL_FORMS
+@REPLAYED_FORMS
 def test_replay_agrees_with_mujoco(effect: Effect, form: EffectForm) -> None:
     """Replay a gait run: the effect in the equation reproduces the effect in the MJCF."""
     off, without = replay_gait_run(create_device(effect, form), (apply_effect(effect, form), FOOT))
