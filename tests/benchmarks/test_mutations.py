@@ -24,7 +24,10 @@ def _skip_without_extra(name: str) -> None:
         pytest.skip(f"needs {library}")
 
 
-@pytest.mark.parametrize("name", file_kinds.KINDS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(kind, marks=pytest.mark.slow if kind == "bench-folder" else []) for kind in file_kinds.KINDS],
+)
 def test_mutated_file_is_read_or_refused_in_one_sentence(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     _skip_without_extra(name)
     monkeypatch.setattr(cases, "MAX_MEGABYTES", 2000.0)  # the process of the tests holds more than one of a campaign

@@ -371,6 +371,7 @@ def test_random_damage_is_refused_or_harmless(tmp_path: Path, name: str) -> None
     assert not any("\n" in sentence for sentence in sentences)
 
 
+@pytest.mark.slow
 def test_million_rows_are_read_exactly(tmp_path: Path) -> None:
     text = TEXT.split("[uncertain]")[0] + '[[trial]]\nfiles = ["a.csv"]\n'
     write_dataset(tmp_path, text)

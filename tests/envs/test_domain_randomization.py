@@ -227,6 +227,7 @@ def test_ranges_are_a_mapping_or_an_object() -> None:
     assert sampled_values[0] == sampled_values[1]
 
 
+@pytest.mark.slow
 def test_range_of_speed_fractions_follows_the_subject() -> None:
     options = {"strides": 1, "time_step": 1e-3, "domain_randomization": {"speed_fraction": (0.8, 1.25)}}
     for speed, expected in ((1.0, (0.8, 1.25)), (2.2, (1.76, 2.5))):  # 2.75 m/s is beyond the rig

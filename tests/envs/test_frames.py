@@ -74,7 +74,9 @@ def test_images_show_the_pressure_and_distances_the_shapes(name: str) -> None:
     env.close()
 
 
-@pytest.mark.parametrize("name", VECTOR)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in ("gait", "walk") else []) for name in VECTOR]
+)
 def test_a_vector_environment_draws_what_single_ones_draw(name: str) -> None:
     envs = make(VECTOR, name, num_envs=2, render_mode="rgb_array", n_jobs=1)
     envs.reset(seed=3)
