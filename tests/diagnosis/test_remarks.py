@@ -34,7 +34,7 @@ def test_number_that_is_wrong_by_more_than_it_is_uncertain_is_compared_with_its_
     parameter = hypothesis.parameters[-1]
     fit = make_fit(hypothesis, np.array([0.0, parameter.normalize(parameter.initial + 4.0)]))
     (sentence,) = describe_contradicted_numbers(fit)
-    assert "standard deviation of 1; the data need 4.0 of these" in sentence
+    assert "standard deviation of 1; the fitted value is 4.0 standard deviations away" in sentence
     assert describe_contradicted_numbers(make_fit(Hypothesis(NOMINAL, ((SLACK, 1.0),), ()), np.zeros(1))) == []
 
 

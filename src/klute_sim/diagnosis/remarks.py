@@ -15,8 +15,8 @@ def describe_contradicted_numbers(fit: Fit) -> list[str]:
     rows = zip(fit.hypothesis.parameters, fit.values, strict=True)
     wrong = [(p, value, deviations[p.name]) for p, value in rows if p.term_index is not None and p.name in deviations]
     return [
-        f"{p.name} is declared as {p.initial:.4g} with a standard deviation of {deviation:.3g}; the data need "
-        f"{abs(value - p.initial) / deviation:.1f} of these."
+        f"{p.name} is declared as {p.initial:.4g} with a standard deviation of {deviation:.3g}; the fitted value "
+        f"is {abs(value - p.initial) / deviation:.1f} standard deviations away."
         for p, value, deviation in wrong
     ]
 

@@ -16,7 +16,6 @@ MAX_STRETCHED_RATIO = 1.05
 """Longest length of a unit, relative to its resting length (assumed)."""
 MIN_RESTING_RATIO = 0.1
 """Shortest resting length in a file name that is believed, relative to that of the device (assumed)."""
-
 MIN_DIFFERENCE = 0.01
 """Smallest difference between resting lengths, relative to that of the device (assumed)."""
 

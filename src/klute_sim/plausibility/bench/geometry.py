@@ -12,8 +12,6 @@ from klute_sim.plausibility.finding import Finding
 MAX_EXCESS = 2.5
 """Largest ratio of the forces of a specimen to the simulated ones (assumed: a real muscle loses force, so only errors
 of its geometry make it stronger; a diameter that is wrong by a quarter gives 1.6, a second muscle 2)."""
-
-
 MIN_CLEAR_CORRELATION = 0.999
 """Smallest correlation of a trial whose course the law explains (assumed: noise and hysteresis leave some per cent)."""
 
