@@ -7,8 +7,10 @@ import pytest
 
 from klute_sim.datasets.dataset import load_dataset
 from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
+from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.workflow import diagnose
 from tests.diagnosis.synthetic_dataset import write_dataset
+from tests.diagnosis.test_mechanism_diagnosis import SHORT, prepare
 from tests.diagnosis.test_trial_quality import make_trial
 
 INTERVAL_S = 0.005
@@ -31,6 +33,21 @@ def test_held_command_changes_at_its_samples() -> None:
 
 def test_constant_command_has_no_other_course() -> None:
     assert prepare_bench_trial(make_trial(INTERVAL_S, np.full(120, 2e5)), "fit").held_variant is None
+
+
+def test_every_command_of_a_joint_is_held(tmp_path: Path) -> None:
+    experiments, _ = prepare(tmp_path / "data", **SHORT)
+    linear = experiments[0]
+    held = linear.held_variant
+    assert isinstance(linear, MechanismExperiment)
+    assert isinstance(held, MechanismExperiment)
+    assert held.held_variant is None
+    commands = [name for name in held.inputs if name.startswith("pressure_command")]
+    assert len(commands) == 2
+    assert held.command is held.inputs[commands[0]]
+    for name in commands:
+        assert not np.array_equal(held.inputs[name], linear.inputs[name])
+        assert set(np.round(held.inputs[name])) <= {round(v) for v in linear.inputs[name]}  # values of samples only
 
 
 @pytest.mark.slow
