@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from klute_sim.diagnosis.experiments.bench import interpolate_smoothly
+from klute_sim.diagnosis.experiments.interpolation import interpolate_smoothly
 
 INTERVAL = 0.005
 SAMPLE_TIME = np.arange(201) * INTERVAL

@@ -1,13 +1,4 @@
-"""Bench trials: a tensile tester prescribes the length of the muscle-tendon unit.
-
-Prescribed channels are denoised only where that is safe (:mod:`klute_sim.diagnosis.experiments.denoise`): a smooth
-curve through the noise of a quick release would have a larger error than its samples. The command is linear between
-its samples, or held until the next one, as the data decide: a controller that sets it at each sample holds it, and
-straight lines begin up to a sampling interval early. The length follows a curve, because a machine has mass: a straight
-line would be short by up to ``a h^2 / 8`` for an acceleration of a and a sampling interval of h, which is 0.04 mm at
-12 m/s^2 and 200 Hz, in all repeats alike. The curve does not overshoot where a motion ends in a hold (modified Akima
-interpolation).
-"""
+"""Bench trials: a tensile tester prescribes the length of the muscle-tendon unit."""
 
 import math
 from collections.abc import Callable
@@ -15,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
 
 from klute_sim.datasets.trial import TimeSeries, Trial, Use
 from klute_sim.device.dynamics import (
@@ -37,6 +27,12 @@ from klute_sim.diagnosis.experiments.base import (
     select_samples,
 )
 from klute_sim.diagnosis.experiments.denoise import denoise
+from klute_sim.diagnosis.experiments.interpolation import (
+    hold_command,
+    interpolate_smoothly,
+    list_other_commands,
+    list_other_lengths,
+)
 from klute_sim.types import Array
 
 STEPS_PER_SAMPLE = 10
@@ -59,9 +55,6 @@ twice the error of an inexpensive gauge)."""
 MOVING_WARM_UP_FRACTION, MOVING_WARM_UP_TIME = 0.3, 1.5
 """Fraction of a trial, and longest time [s], that is not compared where it begins in motion: its internal states are
 unknown (assumed: several time constants of a slow valve)."""
-MAX_DENSE_INTERVAL = 0.0075
-"""Largest sampling interval of the inputs [s] between whose samples their course is known well enough (assumed). At
-100 Hz, a curve and straight lines between samples of a 4 Hz motion differ by 0.3 times the noise of a load cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +218,7 @@ def prepare_bench_trial(trial: Trial, use: Use) -> BenchExperiment:
         command=np.interp(time, command.time, denoise(command.time, command.value)),
         measured=select_samples(trial, start_time, end_time, time[-1], **(warm_up if is_moving else {})),
         initial_pressure=_estimate_initial_pressure(trial) if is_moving else None,
-        other_lengths=_list_other_lengths(time, length),
+        other_lengths=list_other_lengths(time, length),
         other_commands=list_other_commands(time, command),
         held_command=hold_command(time, dt, command),
         trusted=trial.trusted,
@@ -264,41 +257,3 @@ def _estimate_initial_pressure(trial: Trial) -> float | None:
         return None
     finite = pressure.value[np.isfinite(pressure.value)]
     return float(np.median(finite[:3]))
-
-
-def _list_other_lengths(time: Array, length: TimeSeries) -> tuple[Array, ...]:
-    """Return another course of the length [m] at ``time`` [s]: straight lines. None where samples are dense."""
-    if length.sampling_interval <= MAX_DENSE_INTERVAL:
-        return ()
-    return (np.interp(time, length.time, length.value),)
-
-
-def interpolate_smoothly(time: Array, sample_time: Array, samples: Array) -> Array:
-    """Return ``samples`` (n,) at ``sample_time`` [s] (n,) at each ``time`` [s] (m,), with a continuous rate: (m,).
-
-    Modified Akima interpolation (H. Akima, J. ACM 17:589, 1970, with the weights of C. Moler, 2019): the curve is
-    constant between equal samples, and before the first and after the last one.
-    """
-    curve = Akima1DInterpolator(sample_time, samples, method="makima")
-    return np.asarray(curve(np.clip(time, sample_time[0], sample_time[-1])), np.float64)
-
-
-def hold_command(time: Array, dt: float, command: TimeSeries) -> Array | None:
-    """Return ``command`` [Pa] in the time steps that end at ``time`` [s], held until its next sample: (steps,).
-
-    ``dt`` is the time step [s]. Returns None for a constant command.
-    """
-    values = denoise(command.time, command.value)
-    if not np.ptp(values):
-        return None
-    last = np.searchsorted(command.time, time - 0.5 * dt, side="right") - 1
-    return values[np.clip(last, 0, len(values) - 1)]
-
-
-def list_other_commands(time: Array, command: TimeSeries) -> tuple[Array, ...]:
-    """Return other courses of the command [Pa] at ``time`` [s]: it may have stepped at once or at the last moment."""
-    if command.sampling_interval <= MAX_DENSE_INTERVAL:
-        return ()
-    last = np.clip(np.searchsorted(command.time, time, side="right") - 1, 0, len(command.time) - 1)
-    following = np.minimum(last + (command.time[last] < time), len(command.time) - 1)
-    return command.value[last], command.value[following]

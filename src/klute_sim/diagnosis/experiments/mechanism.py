@@ -25,10 +25,9 @@ from klute_sim.diagnosis.experiments.bench import (
     MOVING_WARM_UP_FRACTION,
     MOVING_WARM_UP_TIME,
     STATIONARY_SPEED,
-    hold_command,
-    list_other_commands,
 )
 from klute_sim.diagnosis.experiments.denoise import denoise
+from klute_sim.diagnosis.experiments.interpolation import hold_command, list_other_commands
 from klute_sim.errors import InputError
 from klute_sim.mechanism.assembly import Binding, Mechanism, compute_unit_lengths
 from klute_sim.mechanism.simulate import simulate_mechanism

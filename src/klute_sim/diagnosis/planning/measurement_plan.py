@@ -16,7 +16,7 @@ from klute_sim.device.device import Device
 from klute_sim.device.dynamics import compute_tension
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
-from klute_sim.diagnosis.experiments.bench import interpolate_smoothly
+from klute_sim.diagnosis.experiments.interpolation import interpolate_smoothly
 from klute_sim.errors import InputError
 from klute_sim.types import Array
 from klute_sim.units import BAR
