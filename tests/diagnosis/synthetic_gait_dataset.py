@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from klute_sim.controllers.pressure import PressureProfile, load_default_profile
+from klute_sim.controllers.state_machine import load_default_state_machine
 from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import load_device, parse_device
 from klute_sim.gait.rig.build import ModelEdit
@@ -19,8 +20,9 @@ from klute_sim.types import Array
 DEVICE = "klute-1-1-4-pair"
 TIME_STEP = 2.5e-4
 MOTION = {"shank_angle [deg]": 0.1, "ankle_x [m]": 3e-4, "ankle_z [m]": 3e-4, "ankle_angle [deg]": 0.1}
+COMMAND = {"pressure_command [bar]": 0.0}
 LOAD = {
-    **{"grf_vertical [N]": 2.0, "grf_forward [N]": 1.0, "cop_x [m]": 1e-3, "pressure_command [bar]": 0.0},
+    **{"grf_vertical [N]": 2.0, "grf_forward [N]": 1.0, "cop_x [m]": 1e-3},
     **{"force [N]": 5.0, "pressure [bar]": 0.01, "muscle_length [m]": 5e-5},
 }
 """Columns and their noise: markers at 200 Hz; sensors and force plates at 1 kHz."""
@@ -34,8 +36,10 @@ GROUP_CONDITIONS = {
 
 
 @lru_cache(maxsize=16)
-def simulate_group(group: str, effects: str = "", edit: ModelEdit | None = None, strides: int = 4) -> Recording:
-    """Simulate gait; ``effects`` are sections of a device file."""
+def simulate_group(
+    group: str, effects: str = "", edit: ModelEdit | None = None, strides: int = 4, *, has_state_machine: bool = False
+) -> Recording:
+    """Simulate gait; ``effects`` are sections of a device file. A state machine holds its commands for 10 ms."""
     speed, fraction = GROUP_CONDITIONS[group]
     text = load_device(DEVICE).content.decode() + effects
     profile = load_default_profile()
@@ -43,7 +47,7 @@ def simulate_group(group: str, effects: str = "", edit: ModelEdit | None = None,
     assert isinstance(profile, PressureProfile)
     return simulate_gait(
         parse_device(text.encode(), DEVICE),
-        profile,
+        load_default_state_machine() if has_state_machine else profile,
         GaitOptions(speed=speed, strides=strides, dt=TIME_STEP, alignment=0.0, model_edit=edit),
     )
 
@@ -70,8 +74,10 @@ def write_dataset(
     uncertain: Mapping[str, str] | None = None,
     offset: Mapping[str, float] | None = None,
     limb: bool = False,
+    has_state_machine: bool = False,
+    command_interval: float = 1e-3,
 ) -> Path:
-    """Write a dataset to ``folder``.
+    """Write a dataset to ``folder``; commands are logged every ``command_interval`` [s].
 
     ``offset`` is added to columns; with ``limb`` the ankle position is computed from limb angles.
     """
@@ -81,11 +87,15 @@ def write_dataset(
     default_uncertain = {"muscle.friction_slope_n_per_bar": "10 %", "tendon.stiffness_1_n_per_mm": "10 %"}
     lines += [f'"{key}" = "{value}"' for key, value in (default_uncertain if uncertain is None else uncertain).items()]
     for group in groups:
-        recording = simulate_group(group, effects, edit, strides)
+        recording = simulate_group(group, effects, edit, strides, has_state_machine=has_state_machine)
         channel_by_limb = partial(compute_from_limb, recording)
         for repeat in range(repeats):
             files = []
-            for file_kind, interval, noise_by_heading in (("motion", 5e-3, MOTION), ("load", 1e-3, LOAD)):
+            for file_kind, interval, noise_by_heading in (
+                ("motion", 5e-3, MOTION),
+                ("load", 1e-3, LOAD),
+                ("command", command_interval, COMMAND),
+            ):
                 decimation = round(interval / TIME_STEP)
                 columns = {"time [s]": recording["time"][::decimation]}
                 for heading, noise in noise_by_heading.items():

@@ -5,10 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from klute_sim.datasets.dataset import load_dataset
+from klute_sim.datasets.dataset import load_dataset, split_dataset
 from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
+from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
+from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.workflow import diagnose
+from tests.diagnosis import synthetic_gait_dataset
 from tests.diagnosis.synthetic_dataset import write_dataset
 from tests.diagnosis.test_mechanism_diagnosis import SHORT, prepare
 from tests.diagnosis.test_trial_quality import make_trial
@@ -72,3 +75,21 @@ def test_delay_below_a_sampling_interval_is_found_where_commands_are_linear(tmp_
     diagnosis = diagnose(load_dataset(write_dataset(tmp_path / "d", hidden)))
     assert [term.effect for term in diagnosis.added_terms] == ["pressure_delay"]
     assert not any("held until" in reason for reason in diagnosis.reasons)
+
+
+@pytest.mark.slow
+def test_command_of_a_walk_is_held(tmp_path: Path) -> None:
+    """A state machine commands every 10 ms, and its commands are logged every 5 ms."""
+    data = synthetic_gait_dataset.write_dataset(
+        tmp_path / "d", has_state_machine=True, command_interval=INTERVAL_S, repeats=2
+    )
+    dataset = load_dataset(data)
+    linear = prepare_experiments(dataset, split_dataset(dataset))[0]
+    held = linear.held_variant
+    assert isinstance(held, GaitExperiment)
+    assert held.held_variant is None
+    assert set(np.round(held.command)) < set(np.round(linear.command))  # values of samples only
+    assert held.command[:-1] == pytest.approx(held.coarse_variant.command.repeat(2)[: len(held.command) - 1])
+    diagnosis = diagnose(dataset)
+    assert diagnosis.verdict == "nothing-missing"
+    assert any("held until their next sample" in reason for reason in diagnosis.reasons)
