@@ -198,3 +198,23 @@ def test_stated_input_noise_that_repeats_do_not_show_counts_as_shared(
     scales = np.concatenate([e.input_error_scale["force"] for e in scaled])
     median = float(np.median(scales))
     assert median > 8.0 if is_shared else median == 1.0  # single samples of a steep force may be more sensitive
+
+
+@pytest.mark.parametrize("is_still", [False, True])
+def test_slow_inputs_are_stated_only_where_they_matter(is_still: bool, tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "d", groups=("fit_1", "validation_1"))
+    for file in folder.glob("*.csv"):
+        heading, *rows = file.read_text().splitlines()
+        slow = [row.split(",") for row in rows[::4]]  # 50 Hz
+        if is_still:
+            prescribed = [heading.split(",").index(name) for name in ("length [mm]", "pressure_command [bar]")]
+            for column in prescribed:
+                for row in slow:
+                    row[column] = slow[0][column]
+        file.write_text("\n".join([heading, *map(",".join, slow)]) + "\n")
+    data, simulator = datasets.load_dataset(folder), Simulator(2)
+    experiments = prepare_experiments(data, datasets.split_dataset(data))
+    assert all(e.input_variants for e in experiments)
+    _, remarks = add_noise_scales(experiments, [e for e in experiments if e.use == "fit"], simulator)
+    simulator.close()
+    assert any("sampled too slowly" in remark for remark in remarks) is not is_still

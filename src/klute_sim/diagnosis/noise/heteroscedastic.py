@@ -29,6 +29,9 @@ the smallest relevant misfit (a quarter of the noise), because the true course m
 MAX_REPEATED_RATIO = 1.5
 """Ratio of the stated variance to that between repeats above which repeats share a part of it (assumed: repeats measure
 their variance to within a half)."""
+MAX_INPUT_VARIANCE_RATIO = 1.1
+"""Mean variance of a channel, with the inputs between their samples, over that of its noise alone, above which the
+inputs of a trial are called too slow (assumed)."""
 N_REWEIGHTINGS = 3
 """Iterations of the weighted fit of the variance model."""
 
@@ -85,12 +88,18 @@ def add_noise_scales(
                     if np.isfinite(error).all():
                         input_error_scales[channel] = np.sqrt(1.0 + error / noise_variance)
         scaled[e.name] = replace(e, noise_scale=scales, input_error_scale=input_error_scales)
-    remarks = [*describe_noisy_trials(experiments, noise_ratios), *_describe_slow_inputs(experiments)]
+    remarks = [*describe_noisy_trials(experiments, noise_ratios), *_describe_slow_inputs(list(scaled.values()))]
     return [scaled.get(e.name, e) for e in all_experiments], remarks
 
 
 def _describe_slow_inputs(experiments: Sequence[Experiment]) -> list[str]:
-    slow = [e.name for e in experiments if e.input_variants]
+    """Return a sentence about trials in which other courses of the inputs between samples matter; none without any."""
+    slow = [
+        e.name
+        for e in experiments
+        if e.input_variants
+        and any(np.mean(scale * scale) > MAX_INPUT_VARIANCE_RATIO for scale in e.input_error_scale.values())
+    ]
     if not slow:
         return []
     names = f"'{slow[0]}'" if len(slow) == 1 else f"{len(slow)} trials"
