@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
+from klute_sim.diagnosis.experiments.interpolation import shows_updates
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.workflow import diagnose
@@ -32,6 +34,29 @@ def test_held_command_changes_at_its_samples() -> None:
     assert (held.command[~is_after] == 1e5).all()
     assert np.ptp(linear.command[(ends > 39 * INTERVAL_S) & ~is_after]) > 1.8e5  # straight lines begin earlier
     assert held.coarse_variant.command == pytest.approx(held.command[1::2])
+
+
+RNG = np.random.default_rng(0)
+SMOOTH = 2e5 + 1e5 * np.sin(np.linspace(0.0, 20.0, 120))
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        pytest.param(SMOOTH.repeat(2), True, id="two samples per update"),
+        pytest.param(SMOOTH.repeat(10), True, id="ten samples per update"),
+        pytest.param(np.r_[SMOOTH, np.full(60, 1e5), SMOOTH].repeat(4), True, id="a pause"),
+        pytest.param(SMOOTH, False, id="a change at each sample"),
+        pytest.param(SMOOTH.repeat(2) + RNG.normal(0.0, 100.0, 240), False, id="a measured command"),
+        pytest.param(np.round(np.linspace(0.0, 3e5, 4000), -3), False, id="the resolution of a log"),
+        pytest.param(RNG.integers(0, 2, 500).repeat(5) * 1e5, False, id="two levels"),
+        pytest.param(np.repeat([1e5, 3e5, 2e5, 4e5], 40), False, id="few steps"),
+        pytest.param(SMOOTH[RNG.integers(0, 120, 60)].repeat(RNG.integers(2, 60, 60)), False, id="irregular steps"),
+        pytest.param(np.full(400, 2e5), False, id="a constant"),
+    ],
+)
+def test_log_shows_the_updates_of_a_controller(command: np.ndarray, expected: bool) -> None:
+    assert shows_updates(TimeSeries(INTERVAL_S * np.arange(len(command)), command)) is expected
 
 
 def test_constant_command_has_no_other_course() -> None:
@@ -78,18 +103,20 @@ def test_delay_below_a_sampling_interval_is_found_where_commands_are_linear(tmp_
 
 
 @pytest.mark.slow
-def test_command_of_a_walk_is_held(tmp_path: Path) -> None:
-    """A state machine commands every 10 ms, and its commands are logged every 5 ms."""
+@pytest.mark.parametrize(("command_interval", "is_visible"), [(0.001, True), (0.01, False)])
+def test_command_of_a_walk_is_held(command_interval: float, is_visible: bool, tmp_path: Path) -> None:
+    """A state machine commands every 10 ms. A log of 100 Hz does not show that it holds them."""
     data = synthetic_gait_dataset.write_dataset(
-        tmp_path / "d", has_state_machine=True, command_interval=INTERVAL_S, repeats=2
+        tmp_path / "d", has_state_machine=True, command_interval=command_interval
     )
     dataset = load_dataset(data)
-    linear = prepare_experiments(dataset, split_dataset(dataset))[0]
-    held = linear.held_variant
+    prepared = prepare_experiments(dataset, split_dataset(dataset))[0]
+    assert prepared.holds_command is is_visible
+    held = prepared if is_visible else prepared.held_variant
     assert isinstance(held, GaitExperiment)
     assert held.held_variant is None
-    assert set(np.round(held.command)) < set(np.round(linear.command))  # values of samples only
-    assert held.command[:-1] == pytest.approx(held.coarse_variant.command.repeat(2)[: len(held.command) - 1])
+    samples = dataset.trials[0].prescribed["pressure_command"].value
+    assert set(np.round(held.command)) <= set(np.round(samples))
     diagnosis = diagnose(dataset)
     assert diagnosis.verdict == "nothing-missing"
-    assert any("held until their next sample" in reason for reason in diagnosis.reasons)
+    assert any("held until their next sample" in reason for reason in diagnosis.reasons) is not is_visible

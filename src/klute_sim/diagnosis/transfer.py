@@ -212,7 +212,8 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
             f"'{diagnosis.dataset.rig}'; allowed: the same rig"
         )
     experiments = [e for e in prepare_experiments(dataset, split_dataset(dataset)) if e.measured]
-    if any(e.holds_command for e in diagnosis.experiments):
+    # A command that is linear in the diagnosis has a variant that is held.
+    if any(e.holds_command for e in diagnosis.experiments) and not any(e.held_variant for e in diagnosis.experiments):
         experiments = [e.held_variant or e for e in experiments]
     nominal = Hypothesis(dataset.device, (), ())
     final_hypothesis, final_x = _detach_setup(diagnosis.final_fit, dataset)

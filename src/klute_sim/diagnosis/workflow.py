@@ -245,10 +245,10 @@ def _compare_with_held_commands(
     A delay of up to a sampling interval of the command may be a course of the command between its samples. ``linear``
     is the outcome with linear commands. Held ones are tried where they reduce the misfit of its device without effects.
     """
+    if not any(e.held_variant for e in linear.experiments if e.use == "fit" and e.measured):
+        return linear, []
     experiments = [e.held_variant or e for e in linear.experiments]
     fitted = [e for e in experiments if e.use == "fit" and e.measured]
-    if not any(e.holds_command for e in fitted):
-        return linear, []
     if not _compute_chi2(linear.data.with_experiments(fitted), linear.base_fit) <= linear.base_fit.chi2:
         return linear, []
     progress(0.2, "fitting with commands that are held until the next sample")

@@ -1,9 +1,10 @@
 """Course of prescribed channels between their samples.
 
 Prescribed channels are denoised only where that is safe (:mod:`klute_sim.diagnosis.experiments.denoise`): a smooth
-curve through the noise of a quick release would have a larger error than its samples. The command is linear between
-its samples, or held until the next one, as the data decide: a controller that sets it at each sample holds it, and
-straight lines begin up to a sampling interval early. The length follows a curve, because a machine has mass: a straight
+curve through the noise of a quick release would have a larger error than its samples. A command whose log shows the
+updates of a digital controller (:func:`shows_updates`) is held until its next sample. Any other is linear between its
+samples, or held, as the data decide: a controller that sets it at each sample holds it, and straight lines begin up to
+a sampling interval early. The length follows a curve, because a machine has mass: a straight
 line would be short by up to ``a h^2 / 8`` for an acceleration of a and a sampling interval of h, which is 0.04 mm at
 12 m/s^2 and 200 Hz, in all repeats alike. The curve does not overshoot where a motion ends in a hold (modified Akima
 interpolation).
@@ -19,6 +20,13 @@ from klute_sim.types import Array
 MAX_DENSE_INTERVAL = 0.0075
 """Largest sampling interval of the inputs [s] between whose samples their course is known well enough (assumed). At
 100 Hz, a curve and straight lines between samples of a 4 Hz motion differ by 0.3 times the noise of a load cell."""
+MIN_UPDATES = 20
+"""Smallest number of changes of a command that show the updates of a controller (assumed)."""
+MIN_REGULAR_FRACTION = 0.5
+"""Smallest fraction of intervals between changes that equal their median (assumed: a command may also stay equal)."""
+MIN_SIZES = 4
+"""Smallest number of different changes of a command that show updates (assumed). A slow ramp in the resolution of the
+log changes by the resolution alone, and a switched command by one step."""
 
 
 def list_other_lengths(time: Array, length: TimeSeries) -> tuple[Array, ...]:
@@ -48,6 +56,21 @@ def hold_command(time: Array, dt: float, command: TimeSeries) -> Array | None:
         return None
     last = np.searchsorted(command.time, time - 0.5 * dt, side="right") - 1
     return values[np.clip(last, 0, len(values) - 1)]
+
+
+def shows_updates(command: TimeSeries) -> bool:
+    """Return whether the log of ``command`` shows a controller that updates it every few samples and holds it.
+
+    Then no two samples in a row bring a change, and the changes follow each other at regular intervals.
+    """
+    difference = np.diff(command.value)
+    changes = np.flatnonzero(difference)
+    if len(changes) < MIN_UPDATES:
+        return False
+    intervals, sizes = np.diff(changes), np.abs(difference[changes])
+    if intervals.min() < 2 or len(np.unique(np.round(sizes / sizes.min(), 3))) < MIN_SIZES:
+        return False
+    return bool(np.mean(intervals == np.median(intervals)) >= MIN_REGULAR_FRACTION)
 
 
 def list_other_commands(time: Array, command: TimeSeries) -> tuple[Array, ...]:

@@ -12,6 +12,7 @@ from klute_sim.device.device import check_accepts_pressure
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.bench import prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
+from klute_sim.diagnosis.experiments.interpolation import shows_updates
 from klute_sim.diagnosis.experiments.mechanism import prepare_mechanism_trial
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
@@ -46,9 +47,15 @@ def prepare_experiments(dataset: Dataset, split: Split) -> list[Experiment]:
 
 def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
     if dataset.mechanism is None:
-        prepare = TRIAL_PREPARERS[dataset.rig]
+        prepare_linear = TRIAL_PREPARERS[dataset.rig]
     else:
-        prepare = partial(prepare_mechanism_trial, dataset.mechanism)
+        prepare_linear = partial(prepare_mechanism_trial, dataset.mechanism)
+    is_held = any(shows_updates(s) for name, s in trial.prescribed.items() if name.startswith("pressure_command"))
+
+    def prepare(trial: Trial, use: Use) -> Experiment:
+        experiment = prepare_linear(trial, use)
+        return (experiment.held_variant or experiment) if is_held else experiment
+
     variants = []
     for channel, deviation in trial.input_noise.items():
         series = trial.prescribed[channel]
