@@ -1,18 +1,20 @@
 """Commands that a controller holds from sample to sample: they are no delay of the device."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
 from klute_sim.datasets.trial import TimeSeries
+from klute_sim.diagnosis import workflow
 from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.interpolation import shows_updates
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
-from klute_sim.diagnosis.workflow import diagnose
 from tests.diagnosis import synthetic_gait_dataset
 from tests.diagnosis.synthetic_dataset import write_dataset
 from tests.diagnosis.test_mechanism_diagnosis import SHORT, prepare
@@ -78,9 +80,66 @@ def test_every_command_of_a_joint_is_held(tmp_path: Path) -> None:
         assert set(np.round(held.inputs[name])) <= {round(v) for v in linear.inputs[name]}  # values of samples only
 
 
+def make_outcome(names: str, *, bic: float = 0.0, verdict: str = "identified", is_imperfect: bool = False) -> Any:
+    """Return the stand-in of an outcome that names effects; its trial has a variant with a held command."""
+    terms = tuple(SimpleNamespace(effect=name) for name in names.split())
+    return SimpleNamespace(
+        experiments=[SimpleNamespace(held_variant=SimpleNamespace(use="fit", measured=True), use="fit", measured=True)],
+        data=SimpleNamespace(with_experiments=lambda experiments: None),
+        base_fit=SimpleNamespace(chi2=1.0),
+        search=SimpleNamespace(bic_threshold=6.0),
+        selected=SimpleNamespace(verdict=verdict, prediction=object() if is_imperfect else None),
+        terms=terms,
+        n_time_shifts=sum(term.effect in workflow.TIME_SHIFTS for term in terms),
+        compute_bic=lambda data: bic,
+    )
+
+
+@pytest.mark.parametrize(
+    ("linear", "held", "is_held"),
+    [
+        pytest.param(make_outcome("leak"), make_outcome("leak", bic=-7.0), True, id="better"),
+        pytest.param(make_outcome("leak"), make_outcome("leak", bic=-5.0), False, id="hardly better"),
+        pytest.param(make_outcome("leak clock_skew"), make_outcome("leak", bic=5.0), True, id="fewer names"),
+        pytest.param(make_outcome("leak clock_skew"), make_outcome("leak", bic=7.0), False, id="fewer names, worse"),
+        pytest.param(make_outcome("leak"), make_outcome("pressure_delay", bic=-90.0), False, id="a shift instead"),
+        pytest.param(make_outcome("leak"), make_outcome("leak clock_skew", bic=-90.0), False, id="a further shift"),
+        pytest.param(
+            make_outcome("leak"), make_outcome("leak", bic=-90.0, verdict="unexplained"), False, id="unexplained"
+        ),
+        pytest.param(
+            make_outcome("leak", is_imperfect=True), make_outcome("hose", bic=-90.0, is_imperfect=True), False,
+            id="imperfect law",
+        ),
+        pytest.param(
+            make_outcome("clock_skew", is_imperfect=True), make_outcome("hose", bic=-90.0, is_imperfect=True), True,
+            id="imperfect law, no shift",
+        ),
+        pytest.param(
+            make_outcome("leak hose", is_imperfect=True), make_outcome("leak", bic=-90.0, is_imperfect=True), True,
+            id="imperfect law, fewer names",
+        ),
+        pytest.param(
+            make_outcome("leak", is_imperfect=True), make_outcome("leak", bic=-90.0), True, id="no imperfect law"
+        ),
+    ],
+)  # fmt: skip
+def test_held_command_is_taken_where_it_explains_the_data_better(
+    linear: Any, held: Any, is_held: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workflow, "_compute_chi2", lambda data, fit: 0.0)
+    monkeypatch.setattr(workflow, "_search_model", lambda *arguments: held)
+    no_argument: Any = None
+    outcome, remarks = workflow._compare_with_held_commands(
+        no_argument, linear, no_argument, no_argument, no_argument, lambda fraction, stage: None
+    )
+    assert outcome is (held if is_held else linear)
+    assert len(remarks) == is_held
+
+
 @pytest.mark.slow
 def test_held_command_is_no_delay(tmp_path: Path) -> None:
-    diagnosis = diagnose(load_dataset(write_dataset(tmp_path / "d", holds_command=True)))
+    diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", holds_command=True)))
     assert diagnosis.verdict == "nothing-missing"
     assert any("held until their next sample" in reason for reason in diagnosis.reasons)
 
@@ -88,7 +147,7 @@ def test_held_command_is_no_delay(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_delay_of_held_commands_is_known_to_one_sampling_interval(tmp_path: Path) -> None:
     hidden = {("pressure_delay", "dead_time"): {"delay_s": 0.02}}
-    diagnosis = diagnose(load_dataset(write_dataset(tmp_path / "d", hidden, holds_command=True)))
+    diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", hidden, holds_command=True)))
     assert [term.effect for term in diagnosis.added_terms] == ["pressure_delay"]
     assert diagnosis.final_fit is not None
     assert 0.0198 < diagnosis.final_fit.values[-1] < 0.0202 + INTERVAL_S
@@ -97,7 +156,7 @@ def test_delay_of_held_commands_is_known_to_one_sampling_interval(tmp_path: Path
 @pytest.mark.slow
 def test_delay_below_a_sampling_interval_is_found_where_commands_are_linear(tmp_path: Path) -> None:
     hidden = {("pressure_delay", "dead_time"): {"delay_s": 0.6 * INTERVAL_S}}
-    diagnosis = diagnose(load_dataset(write_dataset(tmp_path / "d", hidden)))
+    diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", hidden)))
     assert [term.effect for term in diagnosis.added_terms] == ["pressure_delay"]
     assert not any("held until" in reason for reason in diagnosis.reasons)
 
@@ -117,6 +176,6 @@ def test_command_of_a_walk_is_held(command_interval: float, is_visible: bool, tm
     assert held.held_variant is None
     samples = dataset.trials[0].prescribed["pressure_command"].value
     assert set(np.round(held.command)) <= set(np.round(samples))
-    diagnosis = diagnose(dataset)
+    diagnosis = workflow.diagnose(dataset)
     assert diagnosis.verdict == "nothing-missing"
     assert any("held until their next sample" in reason for reason in diagnosis.reasons) is not is_visible

@@ -29,7 +29,7 @@ from klute_sim.diagnosis.final_model import (
     select_proxies,
 )
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
-from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.imperfect_law import (
@@ -59,6 +59,9 @@ from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import has_several_specimens
 from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms, list_contradicted_numbers
 from klute_sim.types import ProgressCallback
+
+TIME_SHIFTS = frozenset({"clock_skew", "pressure_delay"})
+"""Effects that shift a channel or the command in time, as another course of the command between its samples does."""
 
 
 def diagnose(
@@ -189,6 +192,16 @@ class _Outcome(NamedTuple):
     selected: FinalModel
     """The selected model."""
 
+    @property
+    def terms(self) -> tuple[EffectTerm, ...]:
+        """Added terms."""
+        return self.selected.final_fit.hypothesis.terms
+
+    @property
+    def n_time_shifts(self) -> int:
+        """Number of terms that shift a command or a channel in time."""
+        return sum(term.effect in TIME_SHIFTS for term in self.terms)
+
     def compute_bic(self, data: WeightedData) -> float:
         """Return the Bayesian information criterion of the final model, with the noise and samples of ``data``."""
         fit = self.selected.final_fit
@@ -254,9 +267,13 @@ def _compare_with_held_commands(
     progress(0.2, "fitting with commands that are held until the next sample")
     held = _search_model(dataset, experiments, simulator, cache, options, progress)
     difference = linear.compute_bic(linear.data) - held.compute_bic(linear.data)
-    # What the course of the command explains as well needs no name.
-    has_fewer_names = len(held.selected.final_fit.hypothesis.terms) < len(linear.selected.final_fit.hypothesis.terms)
-    if held.selected.verdict == "unexplained" != linear.selected.verdict:
+    # What the course of the command explains as well needs no name, a shift in time least of all.
+    if held.n_time_shifts > linear.n_time_shifts or held.selected.verdict == "unexplained" != linear.selected.verdict:
+        return linear, []
+    has_fewer_names = len(held.terms) < len(linear.terms)
+    # An imperfect law leaves more than the course of the command does, so BIC cannot tell which course is right.
+    needs_fewer_names = held.selected.prediction is not None
+    if needs_fewer_names and not has_fewer_names and held.n_time_shifts == linear.n_time_shifts:
         return linear, []
     if not difference > (-1.0 if has_fewer_names else 1.0) * linear.search.bic_threshold:
         return linear, []
