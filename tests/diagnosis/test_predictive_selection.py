@@ -26,6 +26,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     choose_model,
     choose_stable_model,
     divide_into_folds,
+    refuse_idle_terms,
 )
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
 from klute_sim.diagnosis.selection.screening import Candidate
@@ -80,6 +81,19 @@ def test_further_term_that_takes_a_small_part_of_the_error_of_the_law_is_not_cho
     assert choose_model([base, single, pair, beside], folds) is pair
     # Without a simpler name, the share of the error that is worth a name is judged by the verdict.
     assert choose_model([base, make_model((FRICTION,), [35.0, 38.0, 32.0])], folds).terms
+
+
+def test_term_that_only_moves_a_parameter_off_its_bound_is_no_name() -> None:
+    at_bound = make_model((FRICTION,), [0.05, 0.06, 0.05, 0.06, 0.05, 0.06], "it is at its bound")
+    idle = make_model((FRICTION, GAIN), [0.04, 0.05, 0.04, 0.05, 0.04, 0.05])
+    other = make_model((TAPER, GAIN), [0.5, 0.6, 0.5, 0.6, 0.5, 0.6])
+    checked = refuse_idle_terms(BASE, [idle, at_bound, other, BASE], 6)
+    assert "friction" in checked[0].obstacle
+    assert "it is at its bound" in checked[0].obstacle
+    assert checked[1:] == [at_bound, other, BASE]
+    needed = make_model((FRICTION, GAIN), [0.4, 0.5, 0.4, 0.5, 0.4, 0.5])
+    poor = make_model((FRICTION,), [2.0, 2.1, 2.0, 2.1, 2.0, 2.1], "it is at its bound")
+    assert refuse_idle_terms(BASE, [needed, poor, BASE], 6) == [needed, poor, BASE]
 
 
 def test_names_that_one_fold_decides_do_not_withhold_the_others() -> None:

@@ -1,7 +1,7 @@
 """Models that are judged by what they predict of trials that were left out: folds, errors, and the choice."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -202,6 +202,29 @@ def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp], noi
         or (model.terms and not any(takes_enough(larger, model) for larger in models))
     ]
     return min(good, key=lambda model: (len(model.terms), *rank(model)))
+
+
+def refuse_idle_terms(
+    base: PredictiveModel, models: Sequence[PredictiveModel], n_folds: int, noise: float = 0.0
+) -> list[PredictiveModel]:
+    """Return ``models``; one that may be named only for a term that predicts nothing may not be named.
+
+    Such a model contains a smaller one that would be chosen before it and has an obstacle, such as a parameter at its
+    bound. A further term always moves that parameter a little; that is no evidence for the term.
+    """
+    folds = np.arange(n_folds)
+    smaller = [model for model in models if model.terms and model.obstacle and np.isfinite(model.errors).all()]
+    checked = []
+    for model in models:
+        nested = () if model.obstacle else (m for m in smaller if m.identities < model.identities)
+        preferred = next((m for m in nested if choose_model([base, m, model], folds, noise) is m), None)
+        if preferred is not None:
+            names = " and ".join(map(str, preferred.terms))
+            obstacle = f"{names} alone would be preferred, but {preferred.obstacle}"
+            checked.append(replace(model, obstacle=obstacle))
+        else:
+            checked.append(model)
+    return checked
 
 
 def choose_stable_model(

@@ -37,6 +37,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     divide_into_folds,
     is_as_good,
     rank_model,
+    refuse_idle_terms,
 )
 from klute_sim.diagnosis.selection.robustness import check_convergence
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
@@ -265,6 +266,7 @@ class PredictiveSelection:
             if channel in self.repeat_noise
         ]
         noise = float(np.mean(noise_fractions)) if noise_fractions else 0.0
+        models = refuse_idle_terms(base, models, len(self.folds), noise)
         nameable = [model for model in models if not model.obstacle]
         chosen, stability = choose_stable_model(nameable, len(self.folds), noise)
         rivals = [
