@@ -238,6 +238,7 @@ def test_instrument_laws_match_their_equations() -> None:
                 "fill_critical_ratio": 0.3,
                 "exhaust_conductance": 0.0025,
                 "exhaust_critical_ratio": 0.3,
+                "regulator_is_upstream": 0.0,
             },
         ),
         (
@@ -249,6 +250,19 @@ def test_instrument_laws_match_their_equations() -> None:
                 "fill_critical_ratio": 0.3,
                 "exhaust_conductance": 0.00125,
                 "exhaust_critical_ratio": 0.3,
+                "regulator_is_upstream": 0.0,
+            },
+        ),
+        (
+            "choked_valve",
+            "downstream",
+            (400.0, 0.3),
+            {
+                "fill_conductance": 0.0025,
+                "fill_critical_ratio": 0.3,
+                "exhaust_conductance": 0.0025,
+                "exhaust_critical_ratio": 0.3,
+                "regulator_is_upstream": 1.0,
             },
         ),
     ],

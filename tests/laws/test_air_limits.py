@@ -35,6 +35,7 @@ def draw_supply(rng: random.Random) -> SupplyParameters:
             polytropic_exponent=rng.choice([1.0, 1.2, 1.67]),
             thermal_time_constant=rng.choice([0.0, 1e-6, 1.0]),
             dead_volume=rng.choice([0.0, 1e-6]),
+            regulator_is_upstream=rng.choice([0.0, 1.0]),
         )
     elif rng.random() < 0.7:
         supply = supply._replace(

@@ -165,7 +165,7 @@ def test_proportional_valve_follows_a_pressure_with_an_error_under_leakage() -> 
     # At rest the valve is open by what the leak takes: gain times what is missing.
     lost = supply_valve.leak_flow(VALVE._replace(leak_conductance=2e-10), leaky[-1], 293.15)
     opening = VALVE.valve_gain * (3e5 - leaky[-1])
-    assert supply_valve.valve_flow(VALVE, 5e5, leaky[-1], opening, 293.15) == pytest.approx(lost, rel=1e-6)
+    assert supply_valve.valve_flow(VALVE, 5e5, 0.0, leaky[-1], opening, 293.15) == pytest.approx(lost, rel=1e-6)
     assert 10.0 < 3e5 - leaky[-1] < 3e3
     assert gas.drawn_mass == pytest.approx(gas.surplus_mass + 0.5 * lost, rel=0.2)
 

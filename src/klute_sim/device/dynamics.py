@@ -359,7 +359,11 @@ def _predict_motion(parameters: DeviceParameters, state: DeviceState, unit_lengt
         return state
     air = pneumatic_step.enclosed_air(supply, state.pressure, mckibben.gas_volume(muscle, state.length))
     length = solve_length(parameters, air, state, unit_length, dt)
-    return DeviceState(compute_pressure(parameters, air, length), length, state.internal_state)
+    pressure, internal_state = compute_pressure(parameters, air, length), state.internal_state
+    if pneumatics.has_regulator_upstream(supply):
+        gas = pneumatic_step.add_disturbance(get_gas_state(state), pressure - state.pressure)
+        internal_state = replace_gas_state(internal_state, gas)
+    return DeviceState(pressure, length, internal_state)
 
 
 def advance_state(
@@ -371,7 +375,7 @@ def advance_state(
     """
     before = _predict_motion(parameters, state, unit_length, dt)
     air = step_pressure(parameters, before, command, dt)
-    pressure_change = air.pressure - (before.pressure - get_gas_state(state).pressure_disturbance)
+    pressure_change = air.pressure - (before.pressure - get_gas_state(before).pressure_disturbance)
     length = solve_length(parameters, air, state, unit_length, dt)
     pressure = compute_pressure(parameters, air, length)
     internal_state = step_internal_state(

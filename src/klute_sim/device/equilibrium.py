@@ -5,6 +5,8 @@ from klute_sim.device.dynamics import (
     DeviceParameters,
     DeviceState,
     apply_supply_effects,
+    compute_pressure,
+    get_gas_state,
     replace_gas_state,
     solve_length,
     step_internal_state,
@@ -51,7 +53,8 @@ def compute_equilibrium_state(parameters: DeviceParameters, unit_length: float, 
     All internal states are in equilibrium, too.
     """
     state = compute_taut_state(parameters, unit_length, command)
-    pressure = step_pressure(parameters, state, command, EQUILIBRIUM_TIME_STEP).pressure
+    air = step_pressure(parameters, state, command, EQUILIBRIUM_TIME_STEP)
+    pressure = compute_pressure(parameters, air, state.length)
     # From zero internal states, a step this long ends in the internal states of the equilibrium.
     length = solve_length(
         parameters,
@@ -60,4 +63,8 @@ def compute_equilibrium_state(parameters: DeviceParameters, unit_length: float, 
         unit_length,
         EQUILIBRIUM_TIME_STEP,
     )
-    return DeviceState(pressure, length, _compute_steady_internal_state(parameters, pressure, length, unit_length))
+    internal_state = _compute_steady_internal_state(parameters, pressure, length, unit_length)
+    # Behind a restriction a leak keeps the muscle below the pressure of the regulator.
+    gas = get_gas_state(DeviceState(pressure, length, internal_state))
+    gas = pneumatic_step.add_disturbance(gas, pressure - air.pressure)
+    return DeviceState(pressure, length, replace_gas_state(internal_state, gas))

@@ -6,6 +6,10 @@ A step has two halves. First air flows while the muscle keeps its volume (:func:
 temperature pressure, volume and mass satisfy the gas law to the last bits. Air enters with the supply's temperature and
 leaves with that of the muscle, p V/(m R).
 
+A regulator upstream of a fixed restriction holds its pressure there, not in the muscle. Air flows from it while the
+muscle has less, and back while the muscle has more: the regulator relieves that air into the room, and a tank does not
+get it back. A tank with less pressure than the muscle accepts none (a check valve, assumed).
+
 Three limits keep the absolute pressure and every mass positive for any step; none of them acts unless a step would
 move more air than there is. A leak of a muscle on a regulator ends when muscle and room have equal pressures, and the
 regulator does not evacuate the muscle. No more of the muscle's air leaves than the muscle holds: what leaves beyond it
@@ -22,6 +26,7 @@ from klute_sim.laws.pneumatics import (
     ATMOSPHERIC_PRESSURE,
     SupplyParameters,
     air_mass,
+    has_regulator_upstream,
     regulate,
     replace_supply_fields,
 )
@@ -55,7 +60,8 @@ class GasState(NamedTuple):
     pwm_phase: float = 0.0
     """Phase within the period of an on/off valve [1]."""
     pressure_disturbance: float = 0.0
-    """Pressure change by volume changes that the regulator has not compensated yet [Pa]."""
+    """Pressure change by volume changes that the regulator has not compensated yet [Pa]; behind a restriction, all by
+    which the muscle's pressure exceeds that of the regulator upstream."""
     leaked_mass: float = 0.0
     """Air lost through a leak since the start [kg]."""
     pwm_duty: float = 0.0
@@ -66,11 +72,17 @@ N_GAS_STATES = len(GasState._fields)
 """Number of states of the supply."""
 
 
+def add_disturbance(gas: GasState, change: float) -> GasState:
+    """Return ``gas`` after a ``change`` [Pa] of the muscle's pressure that leaves the regulator's as it is."""
+    disturbance = gas.pressure_disturbance + change
+    return GasState(gas.surplus_mass, gas.drawn_mass, gas.pwm_phase, disturbance, gas.leaked_mass, gas.pwm_duty)
+
+
 class AirCharge(NamedTuple):
     """The muscle's air after the flow of a step, before the muscle moves."""
 
     pressure: float
-    """Gauge pressure [Pa]."""
+    """Gauge pressure without the disturbance [Pa]: that of the regulator, or that behind a valve."""
     pressure_disturbance: float
     """Disturbance that the regulator has not compensated at the start of the step [Pa]."""
     disturbance_fraction: float
@@ -127,6 +139,7 @@ def assume_full_tank(supply: SupplyParameters) -> SupplyParameters:
         supply.tank_pressure,
         supply.regulator_time_constant,
         supply.dead_volume,
+        supply.regulator_is_upstream,
     )
 
 
@@ -215,7 +228,7 @@ def _charge_by_valve(
     resting_volume: float,
     dt: float,
 ) -> AirCharge:
-    """Return the air after the flow through a valve.
+    """Return the air after the flow through a valve, or through a restriction downstream of a regulator.
 
     ``dp = n/V (R T_in dm_in - R T dm_out)`` with ``p V = m R T`` in the muscle.
     """
@@ -224,20 +237,26 @@ def _charge_by_valve(
     if supply.thermal_time_constant > 0.0 and supply.polytropic_exponent != 1.0:
         isothermal = mass * AIR_GAS_CONSTANT * supply.temperature / total_volume - ATMOSPHERIC_PRESSURE
         pressure += (isothermal - pressure) * dt / (supply.thermal_time_constant + dt)
-    opening, opening_is_fixed, phase, duty = 0.0, True, gas.pwm_phase, gas.pwm_duty
-    if supply.command_is_opening != 0.0:
+    opening, opening_is_fixed, phase, duty, sink = 0.0, True, gas.pwm_phase, gas.pwm_duty, 0.0
+    is_regulated = has_regulator_upstream(supply)
+    if is_regulated:
+        # Dynamics of the regulator may overshoot what it can hold.
+        target = sink = min(max(target, 0.0), supply.max_pressure)
+        source, opening_is_fixed = min(source, target), False
+    elif supply.command_is_opening != 0.0:
         opening = min(max(target, -1.0), 1.0)
     elif supply.valve_gain == 0.0 or supply.pwm_period > 0.0:
         opening = valve_opening(supply, pressure, target)
     else:
         opening_is_fixed = False
-    if supply.pwm_period > 0.0:
+    if supply.pwm_period > 0.0 and opening_is_fixed:
         pulse = step_pwm(supply, opening, duty, phase, dt)
         opening, duty, phase = pulse.open_fraction, pulse.duty, pulse.phase
     inside = pressure + ATMOSPHERIC_PRESSURE
     problem = FlowProblem(
         initial_pressure=pressure,
         source_pressure=source,
+        sink_pressure=sink,
         target_pressure=target,
         opening=opening,
         opening_is_fixed=opening_is_fixed,
@@ -251,14 +270,16 @@ def _charge_by_valve(
     after = pressure
     if not is_closed or supply.leak_conductance > 0.0:
         after = solve_pressure(supply, problem)
-    if supply.valve_gain == 0.0 and supply.command_is_opening == 0.0 and supply.pwm_period == 0.0:
+    has_pilot = supply.valve_gain == 0.0 and supply.command_is_opening == 0.0 and supply.pwm_period == 0.0
+    if has_pilot and not is_regulated:
         # An ideal pilot stage closes the valve at the target.
         after = min(after, max(target, pressure)) if opening >= 0.0 else max(after, target)
         max_change = supply.max_pressure_rate * dt
         after = min(max(after, pressure - max_change), pressure + max_change)
     leaked, through = split_flow(supply, problem, after)
     # Above room pressure all inflow comes from the supply, also while a pilot stage compensates a leak.
-    draws_from_supply = opening_at(supply, problem, after) >= 0.0 or after > 0.0
+    # A regulator at room pressure lets in air from the room.
+    draws_from_supply = target > 0.0 if is_regulated else opening_at(supply, problem, after) >= 0.0 or after > 0.0
     if supply.tank_volume > 0.0 and draws_from_supply and through > tank_air_mass(supply, gas.drawn_mass):
         problem = limit_inflow(problem, tank_air_mass(supply, gas.drawn_mass))
         after = solve_pressure(supply, problem)
@@ -267,9 +288,10 @@ def _charge_by_valve(
     leaked, through = limit_outflow(leaked, mass, temperature_ratio), -limit_outflow(-through, mass, temperature_ratio)
     if is_closed:
         leaked, through = leaked - through, 0.0
+    regulated = target if is_regulated else after
     return AirCharge(
-        after,
-        0.0,
+        regulated,
+        after - regulated,
         1.0,
         supply.polytropic_exponent,
         total_volume,
@@ -364,7 +386,6 @@ def update_gas(
             disturbance = 0.0
         return GasState(surplus, drawn, air.pwm_phase, disturbance, leaked, air.pwm_duty)
     drawn = gas.drawn_mass + (max(air.valve_mass, 0.0) if air.draws_from_supply else 0.0)
-    leaked = gas.leaked_mass + air.leaked_mass
-    return GasState(
-        gas.surplus_mass + air.valve_mass - air.leaked_mass, drawn, air.pwm_phase, 0.0, leaked, air.pwm_duty
-    )
+    leaked, surplus = gas.leaked_mass + air.leaked_mass, gas.surplus_mass + air.valve_mass - air.leaked_mass
+    excess = pressure - air.pressure if has_regulator_upstream(supply) else 0.0
+    return GasState(surplus, drawn, air.pwm_phase, excess, leaked, air.pwm_duty)

@@ -19,7 +19,8 @@ class SupplyParameters(NamedTuple):
     max_pressure: float
     """Maximum gauge pressure [Pa]; commands are clipped to 0 ... this pressure."""
     max_pressure_rate: float
-    """Maximum rate of pressure change in both directions [Pa/s]; applies to a regulator, not to a valve with a gain."""
+    """Maximum rate of pressure change in both directions [Pa/s]; applies to a regulator, not to a valve with a gain or
+    to a regulator upstream of a restriction."""
     temperature: float
     """Gas temperature [K]."""
     fill_conductance: float = 0.0
@@ -52,6 +53,10 @@ class SupplyParameters(NamedTuple):
     """Gauge pressure in the full tank [Pa]."""
     regulator_time_constant: float = 0.0
     """Time constant with which a regulator compensates volume changes of the muscle [s]; 0: instantly."""
+    regulator_is_upstream: float = 0.0
+    """1: the conductances are those of a fixed restriction, at whose other end a regulator holds the commanded pressure
+    and relieves a higher one; 0: of a valve that opens to the supply or to the room. Ignored if commands are openings.
+    """
 
 
 def replace_supply_fields(
@@ -66,6 +71,7 @@ def replace_supply_fields(
     tank_pressure: float,
     regulator_time_constant: float,
     dead_volume: float,
+    regulator_is_upstream: float,
 ) -> SupplyParameters:
     """Return ``supply`` with these fields replaced."""
     # numba does not compile NamedTuple._replace.
@@ -88,7 +94,13 @@ def replace_supply_fields(
         tank_volume,
         tank_pressure,
         regulator_time_constant,
+        regulator_is_upstream,
     )
+
+
+def has_regulator_upstream(supply: SupplyParameters) -> bool:
+    """Return whether a regulator feeds the muscle through a fixed restriction."""
+    return supply.fill_conductance > 0.0 and supply.regulator_is_upstream != 0.0 and supply.command_is_opening == 0.0
 
 
 def regulate(supply: SupplyParameters, pressure: float, command: float, dt: float) -> float:

@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 from klute_sim.laws import valve
-from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE, SupplyParameters
+from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE, SupplyParameters, has_regulator_upstream
 from klute_sim.laws.valve import Restriction
 
 LEAK_CRITICAL_RATIO = 0.5
@@ -59,20 +59,25 @@ def step_pwm(supply: SupplyParameters, opening: float, duty: float, phase: float
 def valve_opening(supply: SupplyParameters, pressure: float, target: float) -> float:
     """Return the opening of a proportional valve, -1 (exhaust) to 1 (fill), for ``pressure`` and ``target`` [Pa].
 
-    ``gain (target - pressure)``; without a gain the valve is fully open towards the target.
+    ``gain (target - pressure)``; without a gain the valve is fully open towards the target, as a fixed restriction is.
     """
-    if supply.valve_gain == 0.0:
+    if supply.valve_gain == 0.0 or has_regulator_upstream(supply):
         return 1.0 if target >= pressure else -1.0
     return min(max(supply.valve_gain * (target - pressure), -1.0), 1.0)
 
 
 def valve_flow(
-    supply: SupplyParameters, source_pressure: float, pressure: float, opening: float, gas_temperature: float
+    supply: SupplyParameters,
+    source_pressure: float,
+    sink_pressure: float,
+    pressure: float,
+    opening: float,
+    gas_temperature: float,
 ) -> float:
     """Return the mass flow [kg/s] into the muscle through a valve with ``opening`` -1 to 1.
 
-    The air comes from a source at ``source_pressure`` [Pa] or leaves to the room. The muscle's air has ``pressure``
-    [Pa] and ``gas_temperature`` [K]. A check valve prevents flow back into the source (assumed).
+    The air comes from a source at ``source_pressure`` [Pa] or leaves to a sink at ``sink_pressure`` [Pa]. The muscle's
+    air has ``pressure`` [Pa] and ``gas_temperature`` [K]. A check valve prevents flow back into the source (assumed).
     """
     inside = pressure + ATMOSPHERIC_PRESSURE
     if opening >= 0.0:
@@ -81,7 +86,7 @@ def valve_flow(
             valve.mass_flow(restriction, source_pressure + ATMOSPHERIC_PRESSURE, inside, supply.temperature), 0.0
         )
     restriction = Restriction(-supply.exhaust_conductance * opening, supply.exhaust_critical_ratio)
-    return -valve.mass_flow(restriction, inside, ATMOSPHERIC_PRESSURE, gas_temperature)
+    return -valve.mass_flow(restriction, inside, sink_pressure + ATMOSPHERIC_PRESSURE, gas_temperature)
 
 
 def leak_flow(supply: SupplyParameters, pressure: float, gas_temperature: float) -> float:
@@ -102,7 +107,9 @@ class FlowProblem(NamedTuple):
     initial_pressure: float
     """Pressure before the step [Pa]."""
     source_pressure: float
-    """Pressure of the supply [Pa]."""
+    """Pressure of the supply [Pa], or that at which a regulator upstream of a restriction supplies air."""
+    sink_pressure: float
+    """Pressure to which air leaves [Pa]: 0 in the room, or that which a regulator upstream of a restriction holds."""
     target_pressure: float
     """Commanded pressure [Pa]."""
     opening: float
@@ -127,6 +134,7 @@ def limit_inflow(problem: FlowProblem, max_inflow: float) -> FlowProblem:
     return FlowProblem(
         problem.initial_pressure,
         problem.source_pressure,
+        problem.sink_pressure,
         problem.target_pressure,
         problem.opening,
         problem.opening_is_fixed,
@@ -155,7 +163,12 @@ def opening_at(supply: SupplyParameters, problem: FlowProblem, pressure: float) 
 def _pressure_residual(supply: SupplyParameters, problem: FlowProblem, pressure: float) -> float:
     """Return ``pressure`` minus the pressure to which the flow at ``pressure`` leads [Pa]; increases with it."""
     through = valve_flow(
-        supply, problem.source_pressure, pressure, opening_at(supply, problem, pressure), problem.gas_temperature
+        supply,
+        problem.source_pressure,
+        problem.sink_pressure,
+        pressure,
+        opening_at(supply, problem, pressure),
+        problem.gas_temperature,
     )
     through = min(through, problem.max_inflow / problem.dt)
     out = leak_flow(supply, pressure, problem.gas_temperature)

@@ -13,7 +13,7 @@ from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.laws.pneumatics import SupplyParameters
 from klute_sim.laws.tendon import TendonParameters
 
-LAYOUT_ID = 2002e6 + catalogue.compute_layout_checksum()
+LAYOUT_ID = 2003e6 + catalogue.compute_layout_checksum()
 """First number of a row; a row with another layout or other effects has another number."""
 EFFECTS_OFFSET = (
     1
@@ -61,6 +61,7 @@ def unpack_parameters(row: Sequence[float]) -> DeviceParameters:
             row[38],
             row[39],
             row[40],
+            row[41],
         ),
         row[EFFECTS_OFFSET:ROW_SIZE],
     )

@@ -16,16 +16,29 @@ MIN_RESISTANCE = 100.0
 
 def choke_symmetric(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
     """Return the supply behind a valve with the same resistance ``p.resistance`` in both directions."""
-    return _with_valve(p.resistance, p.resistance, p.critical_ratio, supply)
+    return _with_valve(p.resistance, p.resistance, p.critical_ratio, 0.0, supply)
 
 
 def choke_asymmetric(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
     """Return the supply behind a valve whose exhaust has ``p.exhaust_factor`` times the resistance of filling."""
-    return _with_valve(p.fill_resistance, p.fill_resistance * p.exhaust_factor, p.critical_ratio, supply)
+    return _with_valve(p.fill_resistance, p.fill_resistance * p.exhaust_factor, p.critical_ratio, 0.0, supply)
+
+
+def restrict_downstream(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
+    """Return a regulator that feeds the muscle through a fixed restriction of ``p.resistance``, as a needle valve.
+
+    The regulator holds the command upstream of the restriction and relieves a higher pressure into the room, so the
+    flow ends where the muscle's pressure meets the command. A device whose commands are openings has no such regulator.
+    """
+    return _with_valve(p.resistance, p.resistance, p.critical_ratio, 1.0, supply)
 
 
 def _with_valve(
-    fill_resistance: float, exhaust_resistance: float, critical_ratio: float, supply: SupplyParameters
+    fill_resistance: float,
+    exhaust_resistance: float,
+    critical_ratio: float,
+    regulator_is_upstream: float,
+    supply: SupplyParameters,
 ) -> SupplyParameters:
     """Return ``supply`` with sonic conductances 1/resistance; resistances in s Pa/m3."""
     if fill_resistance <= 0.0:
@@ -43,6 +56,7 @@ def _with_valve(
         s.tank_pressure,
         s.regulator_time_constant,
         s.dead_volume,
+        regulator_is_upstream,
     )
 
 
@@ -56,7 +70,8 @@ def delay_volume_compensation(p: Any, state: Any, supply: SupplyParameters) -> S
         return s
     valve = s.fill_conductance, s.fill_critical_ratio, s.exhaust_conductance, s.exhaust_critical_ratio
     tank = s.tank_volume, s.tank_pressure
-    return replace_supply_fields(s, *valve, p.exponent, s.leak_conductance, *tank, p.recovery, s.dead_volume)
+    upstream = s.regulator_is_upstream
+    return replace_supply_fields(s, *valve, p.exponent, s.leak_conductance, *tank, p.recovery, s.dead_volume, upstream)
 
 
 def add_leak(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
@@ -76,6 +91,7 @@ def add_leak(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
         s.tank_pressure,
         s.regulator_time_constant,
         s.dead_volume,
+        s.regulator_is_upstream,
     )
 
 
@@ -99,6 +115,7 @@ def draw_from_tank(p: Any, state: Any, supply: SupplyParameters) -> SupplyParame
         s.max_pressure,
         s.regulator_time_constant,
         s.dead_volume,
+        s.regulator_is_upstream,
     )
 
 
@@ -153,6 +170,12 @@ CHOKED_VALVE = Effect(
                 _CRITICAL_RATIO,
             ),
             laws={"supply": choke_asymmetric},
+        ),
+        EffectForm(
+            name="downstream",
+            equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b) between the command, held upstream, and p; p V = m R T",
+            parameters=(_make_resistance_parameter("resistance_s_bar_per_dm3"), _CRITICAL_RATIO),
+            laws={"supply": restrict_downstream},
         ),
     ),
 )

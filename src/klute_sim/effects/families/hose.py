@@ -26,7 +26,8 @@ def find_flaw(p: Any) -> str:
 def attach_hose(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
     """Return the supply with a hose of ``p.length`` and ``p.inner_diameter`` [m] in series, whose air is dead volume.
 
-    A regulator senses the pressure at the muscle (assumed) and fills it through the hose. The delay of the hose acts on
+    A regulator senses the pressure at the muscle (assumed) and fills it through the hose, but upstream of a restriction
+    it senses the pressure there, and the hose lies downstream. The delay of the hose acts on
     the command (:func:`klute_sim.device.dynamics.get_dead_time`).
     """
     s = supply
@@ -50,6 +51,7 @@ def attach_hose(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameter
         s.tank_pressure,
         s.regulator_time_constant,
         s.dead_volume + 0.25 * math.pi * p.inner_diameter * p.inner_diameter * p.length,
+        s.regulator_is_upstream,
     )
 
 
