@@ -12,7 +12,8 @@ and the muscle behind a valve, whose walls keep the temperature of the air, is
     dp/dt = R T m' / V - p_abs V'/V,    m' = C rho0 p1 sqrt(T0/T) phi(p2/p1) (ISO 6358) less a leak of the same law,
 
 with a pilot that opens the valve as far as the target requires and the flow allows. A tank with less pressure than the
-muscle neither supplies nor accepts air.
+muscle neither supplies nor accepts air. With a regulator upstream of the restriction the same flow has its other end at
+the regulated pressure (``restriction_rate_residual``), which the motion does not change.
 """
 
 import math
@@ -56,6 +57,7 @@ class AirSupply(NamedTuple):
     leak_is_crack: float  # 1: the leak is a crack, which opens in proportion to the pressure, fully at the supply's
     tank_volume: float  # m3, full at the supply's pressure; 0 for an endless supply
     dead_volume: float  # m3, of fittings and hoses
+    regulator_is_upstream: float  # 1: the conductances are of a needle after the regulator, 0: of a controlled valve
 
 
 @cached_njit
@@ -149,6 +151,23 @@ def source_pressure(drawn_mass: float, air: AirSupply) -> float:
         air.supply_pressure,
         max(0.0, air.supply_pressure - drawn_mass * GAS_CONSTANT * air.temperature / air.tank_volume),
     )
+
+
+@cached_njit
+def steady_pressure(target: float, air: AirSupply) -> float:
+    """Return the pressure after a long time from a full tank: below the target where a leak follows a needle."""
+    source = min(target, source_pressure(0.0, air))
+    if air.regulator_is_upstream == 0.0:
+        return source
+    low, high = 0.0, source
+    while high - low > PRESSURE_TOLERANCE:
+        p = 0.5 * (low + high)
+        flow = mass_flow(air.fill_conductance, air.critical_ratio, source + ATMOSPHERE, p + ATMOSPHERE, air.temperature)
+        if flow < leak_flow(p, air):
+            high = p
+        else:
+            low = p
+    return high
 
 
 @cached_njit
@@ -341,6 +360,60 @@ def solve_valve_stage(
 
 
 @cached_njit
+def restriction_rate_residual(
+    p: float,
+    held: float,
+    gh: float,
+    volume: float,
+    relative_volume_rate: float,
+    base: np.ndarray,
+    new: np.ndarray,
+    air: AirSupply,
+) -> float:
+    """Return the excess [Pa/s] of the pressure rate that ends at ``p`` over that of the flow from a regulator.
+
+    The regulator holds ``held`` [Pa] at the other end of the restriction, if its tank has that much, and gives off a
+    higher pressure to the room; it draws nothing while it is open to the room. ``new`` receives the air states.
+    """
+    per_mass, leak_loss = GAS_CONSTANT * air.temperature / volume, leak_flow(p, air)
+    required_rate = (p - base[PRESSURE_INDEX]) / gh + (p + ATMOSPHERE) * relative_volume_rate
+    drawn = max(0.0, required_rate / per_mass + leak_loss) if held > 0.0 else 0.0
+    new[PRESSURE_INDEX], new[DRAWN_MASS_INDEX] = p, base[DRAWN_MASS_INDEX] + gh * drawn
+    source = min(held, source_pressure(new[DRAWN_MASS_INDEX], air))
+    flow = 0.0
+    if p < source:
+        flow = mass_flow(air.fill_conductance, air.critical_ratio, source + ATMOSPHERE, p + ATMOSPHERE, air.temperature)
+    elif p > held:
+        flow = mass_flow(
+            air.exhaust_conductance, air.critical_ratio, held + ATMOSPHERE, p + ATMOSPHERE, air.temperature
+        )
+    return required_rate - per_mass * (flow - leak_loss)
+
+
+@cached_njit
+def solve_restriction_stage(
+    held: float,
+    gh: float,
+    volume: float,
+    relative_volume_rate: float,
+    base: np.ndarray,
+    new: np.ndarray,
+    air: AirSupply,
+) -> float:
+    """Return the pressure at the end of a stage behind a restriction whose other end is ``held`` [Pa]; bisection."""
+    compression = gh * relative_volume_rate
+    low, high = -0.99 * ATMOSPHERE, max(held, (base[PRESSURE_INDEX] - compression * ATMOSPHERE) / (1.0 + compression))
+    while high - low > PRESSURE_TOLERANCE:
+        middle = 0.5 * (low + high)
+        if restriction_rate_residual(middle, held, gh, volume, relative_volume_rate, base, new, air) > 0.0:
+            high = middle
+        else:
+            low = middle
+    restriction_rate_residual(high, held, gh, volume, relative_volume_rate, base, new, air)
+    return high
+
+
+@cached_njit
 def solve_air_stage(
     v: float,
     L: float,
@@ -357,6 +430,8 @@ def solve_air_stage(
     """
     volume, volume_rate = air_space(L, v, air.dead_volume, law)
     growth = max(volume_rate / volume, -0.3 / gh)  # the bracketing of a root may try very large speeds
+    if air.regulator_is_upstream != 0.0:
+        return solve_restriction_stage(target, gh, volume, growth, base, new, air)
     if air.fill_conductance > 0.0:
         return solve_valve_stage(target, gh, volume, growth, base, new, air)
     return solve_regulator_stage(target, gh, volume, growth, old, base, new, air)

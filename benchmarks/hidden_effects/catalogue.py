@@ -247,6 +247,10 @@ OTHER_FORMS: Forms = {
 
 LATER_FORMS: Forms = {
     ("tendon_hysteresis", "viscous"): {"damping_n_s_per_mm": HiddenParameter(0, 20, 1)},
+    ("choked_valve", "downstream"): {
+        "resistance_s_bar_per_dm3": HiddenParameter(MIN_VALVE_RESISTANCE, 50, 4),
+        "critical_ratio": HiddenParameter(0.1, 0.6, 0.5, None),
+    },
 }
 """Forms that the public catalogue got after the splits were drawn. No block hides them, so no dataset changes."""
 

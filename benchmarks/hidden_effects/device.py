@@ -92,7 +92,7 @@ def add_effects(law: Law, air: AirSupply, effects: Sequence[Mapping[str, Any]]) 
         law, air = _apply_effect(law, air, key, p)
     if air.fill_conductance > 0.0:  # behind a valve, no regulator compensates the motion
         air = air._replace(recovery_time=0.0, exponent=1.0)
-    if is_coupled_to_motion(air) and air.natural_frequency > 0.0:
+    if is_coupled_to_motion(air) and air.regulator_is_upstream == 0.0 and air.natural_frequency > 0.0:
         raise ValueError("second-order dynamics are for a pressure that does not depend on the motion")
     # Floats only: an integer type would recompile the compiled functions.
     return Law(*map(float, law)), AirSupply(*map(float, air))
@@ -237,6 +237,9 @@ def _apply_supply_effect(air: AirSupply, key: tuple[str, str], parameters: Mappi
                 parameters["exhaust_factor"],
                 parameters["critical_ratio"],
             )
+        case ("choked_valve", "downstream"):
+            air = _add_valve(air, parameters["resistance_s_bar_per_dm3"], 1.0, parameters["critical_ratio"])
+            air = air._replace(regulator_is_upstream=float(air.fill_conductance > 0.0))
         case ("hose", "tube"):
             air = _add_hose(air, parameters["length_m"], parameters["inner_diameter_mm"] * 1e-3)
         case ("volume_coupling", "polytropic"):

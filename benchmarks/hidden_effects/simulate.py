@@ -57,12 +57,17 @@ def simulate_trace(
     """Return the true channels on the trace grid, in the units of the columns."""
     air_steps = round(TRACE_STEP / AIR_STEP)
     n = (len(program.length) - 1) * air_steps + 1
+    command, command_step = program.command, SAMPLE_INTERVAL
+    if air.regulator_is_upstream != 0.0:
+        # No motion changes the pressure before the needle, so its course is known; its rate has no limit.
+        command, command_step = simulate_pressure(command, command_step, n, air._replace(max_rate=np.inf)), AIR_STEP
+        air = air._replace(gain=1.0, offset=0.0, dead_time=0.0)
     if is_coupled_to_motion(air):
         # Enclosed air may expand below ambient pressure, so it has no lower limit.
         prescribed_pressure = np.broadcast_to(np.asarray(disturbance, float), n).copy()
     else:
         prescribed_pressure = np.maximum(simulate_pressure(program.command, SAMPLE_INTERVAL, n, air) + disturbance, 0.0)
-    inputs = DeviceInputs(program.spline_coefficients(), prescribed_pressure, program.command, SAMPLE_INTERVAL)
+    inputs = DeviceInputs(program.spline_coefficients(), prescribed_pressure, command, command_step)
     force, length, pressure, _ = integrate_device(inputs, law, air, tolerance)
     if not is_coupled_to_motion(air):
         pressure = prescribed_pressure[::air_steps]

@@ -28,7 +28,7 @@ from benchmarks.hidden_effects.air import (
     interpolate_on_grid,
     is_coupled_to_motion,
     solve_air_stage,
-    source_pressure,
+    steady_pressure,
     target_pressure,
 )
 from benchmarks.hidden_effects.compiled import cached_njit
@@ -255,7 +255,7 @@ def integrate_device(
     )
     work = np.zeros((2, N_INTERNAL_STATES))
     boundary, is_coupled = boundary_conditions_at(0.0, inputs, air), is_coupled_to_motion(air)
-    filled = min(boundary.target, source_pressure(0.0, air))
+    filled = steady_pressure(boundary.target, air)
     L = solve_rest_length(boundary.unit_length, boundary.pressure + (filled if is_coupled else 0.0), law)
     set_rest_state(memory, L - law.resting_length, boundary.unit_length - L - law.slack - law.tendon_slack, law)
     if is_coupled:

@@ -112,6 +112,11 @@ def coupled(exponent: float) -> dict:
     return {"name": "volume_coupling", "form": "polytropic", "parameters": parameters}
 
 
+def restricted(*others: tuple[str, str]) -> list[dict]:
+    needle = plan.draw_effect(catalogue.LATER_FORMS, ("choked_valve", "downstream"), None)
+    return [needle, *typical(*others)]
+
+
 COMBINATIONS = {
     "muscle": [
         *typical(("threshold_pressure", "rising"), ("end_taper", "strain"), ("braid_extensibility", "linear")),
@@ -135,6 +140,9 @@ COMBINATIONS = {
     "valve, leak and tank": typical(("choked_valve", "asymmetric"), ("leak", "orifice"), ("supply_droop", "tank")),
     "valve and tank": typical(("choked_valve", "symmetric"), ("supply_droop", "tank")),
     "valve and recovery": typical(("choked_valve", "asymmetric"), ("volume_coupling", "polytropic")),
+    "needle and lag": restricted(("pressure_lag", "first_order")),
+    "needle, leak and tank": restricted(("leak", "orifice"), ("supply_droop", "tank")),
+    "needle, delay and error": restricted(("pressure_delay", "dead_time"), ("regulator_error", "gain")),
     "recovery and lag": typical(("volume_coupling", "polytropic"), ("pressure_lag", "first_order")),
     "isothermal recovery and tank": [coupled(1.0), *typical(("supply_droop", "tank"))],
     "adiabatic recovery and tank": [coupled(1.4), *typical(("supply_droop", "tank"))],
