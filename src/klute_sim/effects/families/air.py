@@ -173,7 +173,8 @@ CHOKED_VALVE = Effect(
         ),
         EffectForm(
             name="downstream",
-            equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b) between the command, held upstream, and p; p V = m R T",
+            equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b), p1 the higher of command and p, p2 the lower; "
+            "p V = m R T",
             parameters=(_make_resistance_parameter("resistance_s_bar_per_dm3"), _CRITICAL_RATIO),
             laws={"supply": restrict_downstream},
         ),
