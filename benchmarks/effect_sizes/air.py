@@ -76,6 +76,14 @@ def measure_rise(effect: str, form: str, parameters: Mapping[str, float], low: f
     return float(np.interp(high, pressure, time) - np.interp(low, pressure, time))
 
 
+def measure_level_rise(effect: str, form: str, parameters: Mapping[str, float], level: float) -> float:
+    """Return the rate [bar/s] at which the pressure rises first after ``level`` [Pa] is commanded."""
+    dt, count = 1e-4, 200
+    command = np.where(np.arange(count) < 1, 0.0, level)
+    pressure = measure_pressure(effect, form, parameters, command, dt)
+    return float((pressure[-1] - pressure[1]) / (dt * (count - 2)) / BAR)
+
+
 def measure_overshoot(effect: str, form: str, parameters: Mapping[str, float]) -> float:
     """Return the part of a step of the command to 3 bar by which the pressure exceeds it [1]."""
     dt, count, height = 1e-5, 20000, 3.0 * BAR
@@ -151,6 +159,17 @@ ROWS = (
         quantity="time from 1.5 to 3 bar (absolute) [s]",
         stated=1.5 * BAR * compute_room() / (GAS_ENERGY * 0.25e-8 * REFERENCE_DENSITY * SOURCE),
         measure=lambda: measure_rise("choked_valve", "symmetric", VALVE, 1.5 * BAR, 3.0 * BAR),
+    ),
+    *(
+        EffectSize(
+            effect="choked_valve",
+            form="downstream",
+            parameters=VALVE,
+            quantity=f"first rise at a command of {level:g} bar [bar/s]",
+            stated=GAS_ENERGY * 0.25e-8 * REFERENCE_DENSITY * (level + ROOM_PRESSURE / BAR) / compute_room(),
+            measure=lambda level=level: measure_level_rise("choked_valve", "downstream", VALVE, level * BAR),
+        )
+        for level in (2.0, 3.0, 4.0)
     ),
     EffectSize(
         effect="hose",
