@@ -201,6 +201,19 @@ WRONG_LAWS = (
         "inside, supply.temperature), 0.0",
         "inside, supply.temperature), -1.0",
     ),
+    (
+        "regulator of full supply",
+        "laws/pneumatic_step.py",
+        "source, opening_is_fixed = min(source, target), False",
+        "source, opening_is_fixed = source, False",
+    ),
+    ("vent past the regulator", "laws/pneumatic_step.py", "target = sink = min(max", "target = min(max"),
+    (
+        "regulator that follows the motion",
+        "device/dynamics.py",
+        "get_gas_state(state), pressure - state.pressure)",
+        "get_gas_state(state), 0.0)",
+    ),
     ("Hill curvature", "laws/hill.py", "return isometric * hill.b / hill.a", "return isometric * hill.b"),
     (
         "Bouc-Wen without gamma",
