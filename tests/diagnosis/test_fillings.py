@@ -57,3 +57,45 @@ def test_needle_valve_of_a_filling_is_found(n_repeats: int, tmp_path: Path) -> N
     assert gap.with_effects < 0.02 * gap.refitted
     if diagnosis.prediction is not None:
         assert 0.9 < diagnosis.prediction.share <= 1.0
+
+
+LEVELS_BAR = (2.0, 3.0, 4.0, 5.0)
+SUBSTEPS = 20
+
+
+def write_levels(folder: Path, form: str) -> Path:
+    """Write two fillings of a clamped muscle to each of several levels, all below the 7 bar of its supply."""
+    device = parse_device(TEN_MM.encode(), "10 mm muscle").with_effect(
+        "choked_valve", form=form, resistance_s_bar_per_dm3=RESISTANCE, critical_ratio=0.3
+    )
+    time = INTERVAL * np.arange(600)
+    fine = INTERVAL / SUBSTEPS * np.arange(SUBSTEPS * len(time))
+    (folder / "muscle.toml").write_text(TEN_MM, "utf-8")
+    lines = ['format = "klute-sim-dataset/2"', 'rig = "bench"', 'device = "muscle.toml"']
+    rng = np.random.default_rng(0)
+    for level in LEVELS_BAR:
+        command, length = np.where(time < 0.5, 0.0, 1e5 * level), np.full(len(time), 0.2)
+        commanded = np.interp(fine, time, command)
+        trace = simulate_rollouts(device.parameters, np.full(len(fine), 0.2), commanded, INTERVAL / SUBSTEPS)
+        pressure = np.asarray(trace.pressure)[::SUBSTEPS]
+        for repeat in range(2):
+            columns = {"time [s]": time, "length [mm]": 1e3 * length, "pressure_command [bar]": 1e-5 * command}
+            noisy = pressure + rng.normal(0.0, NOISE_PA, len(time))
+            name = f"fill_{level:g}_{repeat}.csv"
+            write_trial(folder / name, columns | {"pressure [bar]": 1e-5 * noisy})
+            lines += ["[[trial]]", f'files = ["{name}"]', f'group = "fill to {level:g} bar"']
+    (folder / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["downstream", "symmetric"])
+def test_fillings_to_several_levels_tell_a_needle_after_the_regulator_from_a_valve(form: str, tmp_path: Path) -> None:
+    diagnosis = diagnose(load_dataset(write_levels(tmp_path, form)), DiagnosisOptions())
+    assert diagnosis.verdict == "identified", diagnosis.reasons
+    assert [(term.effect, term.form) for term in diagnosis.added_terms] == [("choked_valve", form)]
+    assert diagnosis.final_fit is not None
+    parameters = diagnosis.final_fit.hypothesis.parameters
+    values = {p.name: v for p, v in zip(parameters, diagnosis.final_fit.values, strict=True)}
+    assert values["resistance_s_bar_per_dm3"] == pytest.approx(RESISTANCE, rel=0.03)
+    assert values["critical_ratio"] == pytest.approx(0.3, rel=0.05)
