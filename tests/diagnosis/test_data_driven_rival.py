@@ -114,10 +114,24 @@ def test_places_and_kinds_of_causes() -> None:
     assert list_kinds([gain, FRICTION, SEAL, radius]) == ["device", "instrument", "number"]
 
 
-@pytest.mark.parametrize(("n_names", "verdict"), [(2, "identified"), (3, "unexplained")])
-def test_names_of_three_kinds_at_once_are_proxies(n_names: int, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    radius = EffectTerm("number_error", "value", number="muscle.bladder_radius_mm")
-    fit = make_fit((FRICTION, EffectTerm("sensor_gain", "linear", "force"), radius)[:n_names])
+RADIUS, TURNS = (
+    EffectTerm("number_error", "value", number=f"muscle.{k}") for k in ("bladder_radius_mm", "turns_per_m")
+)
+GAIN, OFFSET = EffectTerm("sensor_gain", "linear", "force"), EffectTerm("sensor_offset", "linear", "force")
+
+
+@pytest.mark.parametrize(
+    ("terms", "verdict"),
+    [
+        pytest.param((FRICTION, GAIN), "identified", id="two kinds"),
+        pytest.param((FRICTION, GAIN, RADIUS), "unexplained", id="three kinds"),
+        pytest.param((FRICTION, RADIUS, TURNS), "identified", id="an effect and two numbers"),
+        pytest.param((GAIN, RADIUS, TURNS), "unexplained", id="three faults"),
+        pytest.param((GAIN, OFFSET, RADIUS), "identified", id="one instrument and a number"),
+    ],
+)
+def test_coincidences_are_proxies(terms: tuple[EffectTerm, ...], verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    fit = make_fit(terms)
     search = ForwardSelection(WeightedData(Simulator(1), [], {}), [], [])
     monkeypatch.setattr(search, "has_misfit", lambda _: False)
     assert final_model._decide_verdict(search, fit, [])[0] == verdict

@@ -49,6 +49,17 @@ def complete_numbers(
     return changed
 
 
+def limit_to_valid(values: Mapping[str, float], key: str, lower: float, upper: float) -> tuple[float, float]:
+    """Return the part of the range from ``lower`` to ``upper`` in which number ``key`` has an influence of its own.
+
+    Beyond it, :func:`complete_numbers` holds radius or wall at the limit that the other numbers in ``values`` set.
+    """
+    if key not in (RADIUS, THICKNESS):
+        return lower, upper
+    possible = [complete_numbers(values, {key: end}, {key}).get(key, values[key]) for end in (lower, upper)]
+    return min(possible[0], values[key]), max(possible[1], values[key])
+
+
 def _compute_radius_at_rest(values: Mapping[str, float]) -> float:
     """Return the radius [mm] of the braid at rest; a muscle of 1 m has the same."""
     return 1e3 * mckibben.compute_braid_radius(values[BRAID_RATIO], 1.0, values[TURNS])

@@ -26,7 +26,7 @@ from klute_sim.diagnosis.experiments.base import (
     SimulationSetup,
 )
 from klute_sim.diagnosis.experiments.registration import REGISTRATION_PREFIX, SI_FACTORS
-from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers
+from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers, limit_to_valid
 from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, compute_plausible_error, make_number_effect
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
@@ -144,7 +144,7 @@ class Hypothesis:
         parameters = []
         for key, deviation in self.uncertainties:
             nominal, half_range = nominal_values[key], PRIOR_BOUND_SIGMAS * deviation
-            lower, upper = _limit_number(key, nominal, half_range)
+            lower, upper = _limit_number(key, nominal_values, half_range)
             parameters.append(
                 FitParameter(name=key, term_index=None, initial=nominal, scale=deviation, lower=lower, upper=upper)
             )
@@ -167,9 +167,10 @@ class Hypothesis:
         return tuple(parameters)
 
     def _make_number_parameter(self, key: str, term_index: int) -> FitParameter:
-        nominal = {**self.device.spec.collect_values(), **dict(self.mechanism_numbers)}[key]
+        nominal_values = {**self.device.spec.collect_values(), **dict(self.mechanism_numbers)}
+        nominal = nominal_values[key]
         error = compute_plausible_error(key, nominal)
-        lower, upper = _limit_number(key, nominal, BOUND_SIGMAS * error)
+        lower, upper = _limit_number(key, nominal_values, BOUND_SIGMAS * error)
         return FitParameter(name=key, term_index=term_index, initial=nominal, scale=error, lower=lower, upper=upper)
 
     def _make_parameter(self, parameter: EffectParameter, term_index: int, term: EffectTerm) -> FitParameter:
@@ -323,13 +324,16 @@ class Hypothesis:
         return {name: v for name, v in self.collect_mechanism_numbers(values).items() if is_model_number(name)}
 
 
-def _limit_number(key: str, nominal: float, half_range: float) -> tuple[float, float]:
-    """Return the bounds of a fitted number: within ``half_range`` of ``nominal``, with its sign, and plausible.
+def _limit_number(key: str, nominal_values: Mapping[str, float], half_range: float) -> tuple[float, float]:
+    """Return the bounds of a fitted number: within ``half_range`` of the nominal one, with its sign, and plausible.
 
-    A device file with the number is therefore accepted.
+    A device file with the number and the other ``nominal_values`` (``section.key`` -> value) is therefore accepted: the
+    bladder also stays on the braid, because beyond that the number would change nothing.
     """
+    nominal = nominal_values[key]
     lower = max(nominal - half_range, MIN_NUMBER_FRACTION * nominal) if nominal > 0.0 else nominal - half_range
-    return limit_to_plausible(key, nominal, lower, nominal + half_range)
+    lower, upper = limit_to_plausible(key, nominal, lower, nominal + half_range)
+    return limit_to_valid(nominal_values, key, lower, upper)
 
 
 def replace_values(spec: DeviceSpec, new_values: Mapping[str, float]) -> DeviceSpec:

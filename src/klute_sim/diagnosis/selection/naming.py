@@ -23,9 +23,9 @@ IMPLAUSIBLE_REASON = "would be further off than instruments are"
 MAX_INSTRUMENT_LAG_S = 0.1
 """Largest plausible time constant of an instrument [s] (assumed: a filter of 1.6 Hz)."""
 
-MIN_COINCIDENT_KINDS = 3
-"""Number of kinds of causes (number, instrument, device, mechanism, body) that a fit alone cannot prove at once
-(assumed: three independent faults in three places are rarer than one effect outside the catalogue)."""
+MIN_COINCIDENT_CAUSES = 3
+"""Number of independent causes that a fit alone cannot prove at once: kinds (number, instrument, device, mechanism,
+body), or faults of numbers and instruments (assumed: three are rarer than one effect outside the catalogue)."""
 
 
 def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
@@ -126,11 +126,17 @@ def list_kinds(terms: Iterable[EffectTerm]) -> list[str]:
 
 
 def describe_coincidence(terms: Iterable[EffectTerm]) -> str:
-    """Return why ``terms`` of :data:`MIN_COINCIDENT_KINDS` kinds at once are not named; '' for fewer kinds."""
+    """Return why ``terms`` that need :data:`MIN_COINCIDENT_CAUSES` coincidences are not named; '' for fewer.
+
+    Coincidences are kinds of causes, or, without an effect among the terms, wrong numbers and faulty instruments.
+    """
+    terms = tuple(terms)
     kinds = list_kinds(terms)
-    if len(kinds) < MIN_COINCIDENT_KINDS:
+    faults = {term.number or term.channel for term in terms}
+    if len(kinds) >= MIN_COINCIDENT_CAUSES:
+        causes = f"Causes of {len(kinds)} kinds would be needed at once ({', '.join(kinds)})"
+    elif len(faults) >= MIN_COINCIDENT_CAUSES and set(kinds) <= {"number", "instrument"}:
+        causes = f"{len(faults)} faults of numbers and instruments would be needed at once"
+    else:
         return ""
-    return (
-        f"Causes of {len(kinds)} kinds would be needed at once ({', '.join(kinds)}). Together they may imitate one "
-        "missing effect, so they are proxies; measure one of them alone."
-    )
+    return f"{causes}. Together they may imitate one missing effect, so they are proxies; measure one of them alone."
