@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from klute_sim.diagnosis.experiments.interpolation import interpolate_smoothly
+from klute_sim.diagnosis.experiments.interpolation import insert_corners, interpolate_smoothly
 
 INTERVAL = 0.005
 SAMPLE_TIME = np.arange(201) * INTERVAL
@@ -52,3 +52,26 @@ def test_curve_keeps_samples_holds_and_ramps(speed: float, corner: int) -> None:
 def test_length_before_and_after_the_samples_is_constant() -> None:
     curve = interpolate_smoothly(np.array([-1.0, 2.0]), SAMPLE_TIME, compute_move(SAMPLE_TIME, 5.0, 0.3))
     assert curve.tolist() == [0.0, compute_move(SAMPLE_TIME, 5.0, 0.3)[-1]]
+
+
+@settings(max_examples=40)
+@given(corners=st.lists(st.floats(0.05, 0.2), min_size=2, max_size=6), speed=st.floats(0.01, 0.3))
+def test_corners_between_samples_are_those_of_a_triangle(corners: list[float], speed: float) -> None:
+    """A machine that reverses between two samples goes beyond both of them."""
+    corner_time = np.concatenate([[0.0], np.cumsum(corners)])
+    corner_value = 0.34 + np.concatenate(
+        [[0.0], np.cumsum(speed * np.array(corners) * (-1.0) ** np.arange(len(corners)))]
+    )
+    sample_time = np.arange(0.0, corner_time[-1], 0.01)
+    time, value = insert_corners(sample_time, np.interp(sample_time, corner_time, corner_value))
+    inner = time[time <= sample_time[-3]]  # after the last corner, two samples are needed
+    assert np.isin(sample_time, time).all()
+    fine = np.linspace(0.0, inner[-1], 3000)
+    assert np.interp(fine, time, value) == pytest.approx(np.interp(fine, corner_time, corner_value), abs=1e-9)
+
+
+def test_straight_courses_have_no_corners() -> None:
+    samples = np.concatenate([np.full(50, 0.34), 0.34 + 1e-3 * np.arange(50)])
+    time, value = insert_corners(np.arange(100) * 0.01, samples)
+    assert len(time) <= 101
+    assert np.interp(np.arange(100) * 0.01, time, value) == pytest.approx(samples)

@@ -30,10 +30,36 @@ log changes by the resolution alone, and a switched command by one step."""
 
 
 def list_other_lengths(time: Array, length: TimeSeries) -> tuple[Array, ...]:
-    """Return another course of the length [m] at ``time`` [s]: straight lines. None where samples are dense."""
+    """Return other courses of the length [m] at ``time`` [s]: straight lines, and lines that meet in corners.
+
+    None where samples are dense.
+    """
     if length.sampling_interval <= MAX_DENSE_INTERVAL:
         return ()
-    return (np.interp(time, length.time, length.value),)
+    return (
+        np.interp(time, length.time, length.value),
+        np.interp(time, *insert_corners(length.time, length.value)),
+    )
+
+
+def insert_corners(sample_time: Array, samples: Array) -> tuple[Array, Array]:
+    """Return ``sample_time`` [s] (n,) and ``samples`` (n,) with the corners between them: (m,) each, m >= n.
+
+    A corner is where the lines through the two samples before and the two after meet, if they do so between them: a
+    machine that reverses there goes beyond both samples.
+    """
+    slope = np.diff(samples) / np.diff(sample_time)
+    before, between, after = slope[:-2], slope[1:-1], slope[2:]
+    interval = np.diff(sample_time)[1:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        delay = interval * (between - after) / (before - after)
+    is_corner = np.isfinite(delay) & (delay > 0.0) & (delay < interval)
+    index = np.flatnonzero(is_corner) + 1
+    delay, before = delay[is_corner], before[is_corner]
+    return (
+        np.insert(sample_time, index + 1, sample_time[index] + delay),
+        np.insert(samples, index + 1, samples[index] + before * delay),
+    )
 
 
 def interpolate_smoothly(time: Array, sample_time: Array, samples: Array) -> Array:
