@@ -9,7 +9,7 @@ from klute_sim.device.device import Device, list_presets, load_device
 from klute_sim.device.schema.limits import find_limits
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
-from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers
+from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers, limit_to_valid
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import NUMBER_ERROR_NAME, compute_plausible_error, list_error_candidates
@@ -105,6 +105,19 @@ def test_radius_stays_if_braid_or_turns_are_wrong() -> None:
     braid = {"muscle.braid_length_ratio": 1.001 * values["muscle.braid_length_ratio"]}
     changed = complete_numbers(values, {**braid, **turns}, turns)
     assert changed[RADIUS] == pytest.approx(complete_numbers(values, braid)[RADIUS])
+
+
+@pytest.mark.parametrize("key", [RADIUS, "muscle.bladder_thickness_mm"])
+def test_bladder_ends_where_the_braid_holds_it(key: str) -> None:
+    """Beyond that the number would change nothing, and its fit would have no bound to report."""
+    hypothesis = Hypothesis(NOMINAL, (), (), (make_number_term(key),))
+    (parameter,) = hypothesis.parameters
+    for end in (parameter.lower, parameter.upper):
+        assert hypothesis.correct_numbers(NOMINAL, None, [end])[key] == pytest.approx(end, rel=1e-12)
+    assert parameter.lower < parameter.initial < parameter.upper
+    wide = limit_to_valid(NOMINAL.spec.collect_values(), RADIUS, 3.0, 12.0)
+    assert 6.0 < wide[0] < 6.4 < wide[1] < 6.7  # 5 % about the braid
+    assert limit_to_valid(NOMINAL.spec.collect_values(), "muscle.c10_kpa", 1.0, 900.0) == (1.0, 900.0)
 
 
 def test_uncertain_number_may_be_wrong_besides() -> None:

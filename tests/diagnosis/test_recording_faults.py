@@ -9,8 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
+from klute_sim.datasets.trial import SensorLimits
 from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.bench import prepare_bench_trial
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
@@ -18,10 +20,12 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.recording_faults import (
     find_copied_pressures,
     find_drifting_repeats,
+    limit_forces_at_zero,
     suspect_absolute_pressures,
 )
 from tests.diagnosis import synthetic_joint_dataset as joint
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats, write_dataset
+from tests.diagnosis.test_trial_quality import make_trial
 
 
 def make_groups(n_groups: int, n_repeats: int, shift: float, seed: int) -> tuple[list[Experiment], list[dict]]:
@@ -83,6 +87,29 @@ def test_clean_data_raise_no_remark(tmp_path: Path) -> None:
     experiments, remarks = select(folder)
     assert remarks == []
     assert all(e.measured.keys() == {"force", "pressure"} for e in experiments)
+
+
+FORCE = 30.0 * np.sin(np.linspace(0.0, 9.0, 120))
+
+
+@pytest.mark.parametrize(
+    ("force", "is_limited"),
+    [
+        pytest.param(np.maximum(FORCE, 0.0), True, id="ends at zero"),
+        pytest.param(np.maximum(FORCE, 1.0), False, id="is never zero"),
+        pytest.param(np.minimum(FORCE, 0.0), False, id="ends at zero from below"),
+        pytest.param(np.where(np.arange(120) < 9, 0.0, np.abs(FORCE) + 1.0), False, id="is zero by chance"),
+        pytest.param(np.zeros(120), False, id="is dead"),
+    ],
+)
+def test_force_that_ends_at_zero_is_limited(force: np.ndarray, is_limited: bool) -> None:
+    plain = make_trial(0.005, np.full(120, 2e5))
+    trial = replace(plain, measured={"force": plain.measured["force"]._replace(value=force)})
+    (experiment,), sentence = limit_forces_at_zero([trial], [prepare_bench_trial(trial, "fit")])
+    assert experiment.limits == ({"force": SensorLimits(0.0, np.inf)} if is_limited else {})
+    assert ("never negative" in sentence) is is_limited
+    stated = replace(trial, limits={"force": SensorLimits(-5.0, np.inf)})
+    assert limit_forces_at_zero([stated], [experiment]) == ([experiment], "")
 
 
 def test_pressure_that_is_the_command_is_not_used(tmp_path: Path) -> None:

@@ -1,12 +1,13 @@
-"""Faults of a recording that no single sample shows: a pressure that is the command, and repeats that drift."""
+"""Faults of a recording that no single sample shows: a copied command, a force that ends at zero, drifting repeats."""
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.datasets.trial import TimeSeries, Trial
+from klute_sim.datasets.trial import SensorLimits, TimeSeries, Trial
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.noise.repeats import Residuals, align_repeats, list_channels
@@ -27,6 +28,8 @@ MECHANISM_THRESHOLD_TOLERANCE = 0.35
 a generated dataset of the joint)."""
 THRESHOLD_PRESSURE = "threshold_pressure"
 """Effect with the trace of absolute pressures."""
+MIN_ZERO_FORCES = 10
+"""Smallest number of forces that equal zero where a channel without negative ones ends there (assumed)."""
 MAX_ORDER_PROBABILITY = 0.02
 """Largest probability that exchangeable repeats have the observed order by chance (assumed)."""
 
@@ -47,6 +50,26 @@ def _is_pressure_copied(trial: Trial) -> bool:
     difference = np.abs(pressure.value[is_known] - expected)
     is_equal = difference <= COMMAND_TOLERANCE * np.abs(command.value).max()
     return bool(np.mean(is_equal) >= MIN_EQUAL_FRACTION)
+
+
+def limit_forces_at_zero(trials: Sequence[Trial], experiments: Sequence[Experiment]) -> tuple[list[Experiment], str]:
+    """Return ``experiments`` whose force ends at zero if that of ``trials`` seems to, and a sentence; '' if not.
+
+    Many recorders read no negative force, and a bare muscle that buckles has none. The simulated one pushes.
+    """
+    forces = [trial.measured["force"].value for trial in trials if "force" in trial.measured]
+    if any("force" in trial.limits for trial in trials) or not forces:
+        return list(experiments), ""
+    values = np.concatenate(forces)
+    n_zeros = int((values == 0.0).sum())
+    if n_zeros < MIN_ZERO_FORCES or np.nanmin(values) < 0.0 or not np.nanmax(values) > 0.0:
+        return list(experiments), ""
+    limits = {"force": SensorLimits(0.0, math.inf)}
+    sentence = (
+        f"'force' equals 0 N in {n_zeros} samples and is never negative: the sensor seems to end there, so these "
+        "samples say only that the force is not positive. State [limits] force if it ends elsewhere."
+    )
+    return [replace(e, limits={**e.limits, **limits}) for e in experiments], sentence
 
 
 def describe_copied_pressures(names: Sequence[str], n_trials: int) -> str:
