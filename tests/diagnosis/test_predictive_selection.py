@@ -91,6 +91,9 @@ def test_term_that_only_moves_a_parameter_off_its_bound_is_no_name() -> None:
     assert "friction" in checked[0].obstacle
     assert "it is at its bound" in checked[0].obstacle
     assert checked[1:] == [at_bound, other, BASE]
+    form = EffectTerm("seal_friction", "stribeck")
+    other_form = make_model((form, GAIN), [0.04, 0.05, 0.04, 0.05, 0.04, 0.05])
+    assert refuse_idle_terms(BASE, [other_form, at_bound, BASE], 6) == [other_form, at_bound, BASE]
     needed = make_model((FRICTION, GAIN), [0.4, 0.5, 0.4, 0.5, 0.4, 0.5])
     poor = make_model((FRICTION,), [2.0, 2.1, 2.0, 2.1, 2.0, 2.1], "it is at its bound")
     assert refuse_idle_terms(BASE, [needed, poor, BASE], 6) == [needed, poor, BASE]

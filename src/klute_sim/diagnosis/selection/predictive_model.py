@@ -209,14 +209,14 @@ def refuse_idle_terms(
 ) -> list[PredictiveModel]:
     """Return ``models``; one that may be named only for a term that predicts nothing may not be named.
 
-    Such a model contains a smaller one that would be chosen before it and has an obstacle, such as a parameter at its
-    bound. A further term always moves that parameter a little; that is no evidence for the term.
+    Such a model contains a smaller one, of equal forms, that would be chosen before it and has an obstacle, such as a
+    parameter at its bound. A further term always moves that parameter a little; that is no evidence for the term.
     """
     folds = np.arange(n_folds)
     smaller = [model for model in models if model.terms and model.obstacle and np.isfinite(model.errors).all()]
     checked = []
     for model in models:
-        nested = () if model.obstacle else (m for m in smaller if m.identities < model.identities)
+        nested = () if model.obstacle else (m for m in smaller if set(m.terms) < set(model.terms))
         preferred = next((m for m in nested if choose_model([base, m, model], folds, noise) is m), None)
         if preferred is not None:
             names = " and ".join(map(str, preferred.terms))
