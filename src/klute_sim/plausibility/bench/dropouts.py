@@ -14,6 +14,12 @@ MIN_RUN_SAMPLES = 5
 """Smallest number of equal samples in a row."""
 MIN_JUMP = 0.3
 """Smallest jump into and out of the run, relative to the range of the channel (assumed; clipping has no jump)."""
+MIN_JUMP_CHANGES = 6.0
+"""Smallest such jump, relative to the median change between successive samples that differ (assumed). A quiet channel
+often stays at one code of its converter for some samples, and returns from a neighbouring one."""
+MAX_USUAL_CHANGE = 0.04
+"""Largest usual change, relative to the range of the device (assumed: 8 bits over ten times that range); a median
+above it is that of jumps between levels without noise."""
 MAX_CHANGE = 0.5
 """Largest change over the run relative to its smaller jump; a step of the pressure stays where it jumps to."""
 
@@ -23,7 +29,7 @@ def check_dropouts(trial: RecordedTrial) -> list[Finding]:
     findings = []
     for name in MEASURED:
         channel = trial.channels.get(name)
-        run = None if channel is None else _find_dropout(channel)
+        run = None if channel is None else _find_dropout(channel, trial.limits.get_span(name))
         if channel is None or run is None or not _contradicts_simulation(trial, name, run):
             continue
         samples = channel.samples
@@ -36,16 +42,24 @@ def check_dropouts(trial: RecordedTrial) -> list[Finding]:
     return findings
 
 
-def _find_dropout(channel: Channel) -> tuple[int, int] | None:
-    """Return first and last index + 1 of the first dropout among the finite samples of ``channel``."""
+def _find_dropout(channel: Channel, device_span: float) -> tuple[int, int] | None:
+    """Return first and last index + 1 of the first dropout among the finite samples of ``channel``.
+
+    ``device_span`` is the range of the channel on the device [SI], infinite where it is unknown.
+    """
     values: Array = channel.samples.finite
     edges = np.flatnonzero(np.diff(values)) + 1
-    min_jump = MIN_JUMP * compute_span(values)
+    if len(edges) == 0:
+        return None
+    usual_change = float(np.median(np.abs(values[edges] - values[edges - 1])))
+    min_jump = max(
+        MIN_JUMP * compute_span(values), MIN_JUMP_CHANGES * min(usual_change, MAX_USUAL_CHANGE * device_span)
+    )
     for start, stop in pairwise(edges):
         if stop - start >= MIN_RUN_SAMPLES:
             before, after, value = values[start - 1], values[stop], values[start]
             jump = min(abs(before - value), abs(after - value))
-            if jump > min_jump > 0.0 and abs(after - before) < MAX_CHANGE * jump:
+            if jump > min_jump and abs(after - before) < MAX_CHANGE * jump:
                 return int(start), int(stop)
     return None
 

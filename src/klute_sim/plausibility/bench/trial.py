@@ -60,6 +60,15 @@ class DeviceLimits(NamedTuple):
             return Range(0.002 * self.max_force, 2.0 * self.max_force, 0.3 * self.max_force)
         return Range(0.01 * self.supply_pressure, 1.2 * self.supply_pressure, 0.5 * self.supply_pressure)
 
+    def get_span(self, channel: str) -> float:
+        """Return the range of the measured ``channel`` on the device; infinite where it is unknown."""
+        spans = {
+            "force": self.max_force if self.pulls else math.inf,
+            "pressure": self.supply_pressure,
+            "muscle_length": self.muscle_length - self.lock_length,
+        }
+        return spans[channel] if spans[channel] > 0.0 else math.inf
+
 
 class Response(NamedTuple):
     """Simulated response of the device, one value per time."""
