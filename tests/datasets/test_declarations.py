@@ -88,6 +88,13 @@ def test_limits_of_a_trial_replace_those_of_the_dataset(tmp_path: Path) -> None:
     assert [trial.limits["force"].high for trial in load(tmp_path, text).trials] == [900.0, 2000.0]
 
 
+@pytest.mark.parametrize(("limits", "n_free"), [("to 10 N", 0), ("699.9 N to", 1)])
+def test_limits_that_leave_hardly_a_sample_are_refused(tmp_path: Path, limits: str, n_free: int) -> None:
+    sentence = load_error(tmp_path, f'[limits]\nforce = "{limits}"\n' + TRIALS)
+    assert f"the limits of force, '{limits}', leave {n_free} of the 15 samples in the trials for the fit" in sentence
+    assert sentence.endswith("is their unit right?")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

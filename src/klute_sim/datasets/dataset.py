@@ -141,6 +141,8 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         contents.append(channels)
     unmapped_remarks = _check_unmapped([channels.unmapped for channels in contents])
     fit_trials = [trial for trial in trials if trial.name in split.fit]
+    limit_texts = {channel: text for table in (*file.trial, file) for channel, text in table.limits.items()}
+    declarations.check_limits(fit_trials, limit_texts, source)
     tolerance = declarations.compute_tolerances(file.tolerance, channel_source, fit_trials, f"{source}: [tolerance]")
     findings = [
         *checks.find_implausible_changes(trials, [entry.device for entry in file.trial]),

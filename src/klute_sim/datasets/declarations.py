@@ -14,6 +14,8 @@ from klute_sim.errors import InputError, suggest
 
 MAX_QUANTITY_LENGTH = 60
 """Longest text of a number with a unit [letters]."""
+MIN_FREE_FRACTION = 0.1
+"""Smallest fraction of the samples of a channel that lie within the limits of its sensor (assumed)."""
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d].*?|[°%].*?)\s*")
 _PERCENT = "%"
 
@@ -85,6 +87,26 @@ def parse_limits(limits: Mapping[str, str], rig: ChannelSource, place: str) -> d
             raise InputError(f"{key} = '{text}' is refused; the second number must be larger than the first")
         parsed[channel] = SensorLimits(low, high)
     return parsed
+
+
+def check_limits(fit_trials: Sequence[Trial], texts: Mapping[str, str], place: str) -> None:
+    """Raise InputError where the limits of a sensor leave too few samples of the ``fit_trials``.
+
+    ``texts`` holds the limits of each channel as written, for the sentence that begins with ``place``. Samples at a
+    limit or beyond show no noise and hardly a misfit.
+    """
+    for channel, text in texts.items():
+        samples = [(t.measured[channel].value, t.limits.get(channel)) for t in fit_trials if channel in t.measured]
+        n_samples = sum(int(np.isfinite(value).sum()) for value, _ in samples)
+        n_free = sum(
+            int((np.isfinite(value) if limits is None else (value > limits.low) & (value < limits.high)).sum())
+            for value, limits in samples
+        )
+        if n_free < MIN_FREE_FRACTION * n_samples:
+            raise InputError(
+                f"{place}: the limits of {channel}, '{text}', leave {n_free} of the {n_samples} samples in the trials "
+                "for the fit, and the others are at a limit or beyond; is their unit right?"
+            )
 
 
 def _check_measured(channel: str, units: Mapping[str, str], place: str) -> None:
