@@ -99,6 +99,29 @@ def test_measured_channel_may_lack_in_some_trials(tmp_path: Path) -> None:
     assert remark.endswith("the trial is used without it")
 
 
+@pytest.mark.parametrize(
+    ("channel", "expression", "column"),
+    [("force", "forze * 2 [N]", "forze"), ("force", "force(:,2) [N]", "force(:,2)"), ("length", "lenth [mm]", "lenth")],
+)
+def test_misspelt_column_is_refused_beside_one_called_as_the_channel(
+    tmp_path: Path, channel: str, expression: str, column: str
+) -> None:
+    text = f'[columns]\n{channel} = "{expression}"\n[[trial]]\nfiles = ["c.csv"]\n'
+    columns = {"time [s]": 0.01 * COUNTS, "length [mm]": 340 + 0 * COUNTS, "pressure_command [bar]": 3 + 0 * COUNTS}
+    write(tmp_path / "c.csv", columns | {"force [N]": 690 + 0 * COUNTS})
+    sentence = load_error(tmp_path, text)
+    assert f"[columns] {channel} = '{expression}' cannot be computed: there is no column '{column}'" in sentence
+    assert "he columns are 'time [s]', 'length [mm]', 'pressure_command [bar]', 'force [N]'" in sentence
+
+
+def test_channel_may_be_calibrated_in_some_trials_only(tmp_path: Path) -> None:
+    dataset = load(tmp_path, raw_force=None, **{"force [N]": 690 + 0 * COUNTS})
+    assert dataset.trials[1].measured["force"].value == pytest.approx(690.0)
+    remark = next(remark for remark in dataset.remarks if "cannot be computed" in remark)
+    assert "b.csv: [columns] force = '(0.5 * `raw force` + 150) * 4.4482216152605 [N]' cannot be computed" in remark
+    assert remark.endswith("; its column 'force' is used as it is")
+
+
 def test_other_unit_than_in_the_heading_is_reported(tmp_path: Path) -> None:
     text = MAPPING.replace('"stroke"', '"depth [cm]"') + '[[trial]]\nfiles = ["b.csv"]\n'
     dataset = load(tmp_path, text, **{"depth [mm]": 34 + 0 * COUNTS})

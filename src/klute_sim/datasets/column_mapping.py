@@ -40,20 +40,20 @@ class ColumnMapping:
         return f"{', '.join(columns)} [{unit}]"
 
     def check_found(self, channels: Collection[str], tables: Sequence[Table], rig: ChannelSource) -> dict[str, str]:
-        """Return the measured channels that are not among the ``channels`` of the ``tables``, with the reason.
+        """Return channel -> reason for the expressions of the dataset that cannot be computed from the ``tables``.
 
-        Only channels that the dataset maps for all trials may be missing: a trial need not measure them. Raises
-        InputError for others, whose columns no file has.
+        Only channels that the dataset maps for all trials are returned: a trial need not measure them, or its files
+        may have the channel itself, which is then among ``channels``. Raises InputError for others.
         """
         unmapped = {}
         for name, expression in self.expressions.items():
-            is_evaluated = any(name in table.headings for table in tables)
-            if is_evaluated or (name in self.shared and resolve_channel(rig, name) in channels):
+            if any(name in table.headings and name not in table.missing for table in tables):
                 continue
             reason = next((table.missing[name] for table in tables if name in table.missing), "")
             sources = " + ".join(table.source for table in tables)
             sentence = f"trial {sources}: {expression.label} = '{expression.text}' cannot be computed: {reason}"
-            if name not in self.shared or name not in get_measured_units(rig):
+            may_be_missing = name in get_measured_units(rig) or resolve_channel(rig, name) in channels
+            if name not in self.shared or not may_be_missing:
                 raise InputError(sentence)
             unmapped[name] = sentence
         return unmapped

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from klute_sim.datasets import checks, declarations
 from klute_sim.datasets import format as file_format
-from klute_sim.datasets.channels import TENSION_CHANNELS, ChannelSource, RigName
+from klute_sim.datasets.channels import TENSION_CHANNELS, TIME_COLUMN, ChannelSource, RigName, resolve_channel
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
 from klute_sim.datasets.file_remarks import merge_file_remarks
 from klute_sim.datasets.format import DatasetFile, TrialEntry
@@ -139,7 +139,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         trials.append(plan.build_trial(files, channels, source))
         _check_supply(trials[-1], source)
         contents.append(channels)
-    unmapped_remarks = _check_unmapped([channels.unmapped for channels in contents])
+    unmapped_remarks = _check_unmapped(contents, channel_source)
     fit_trials = [trial for trial in trials if trial.name in split.fit]
     limit_texts = {channel: text for table in (*file.trial, file) for channel, text in table.limits.items()}
     declarations.check_limits(fit_trials, limit_texts, source)
@@ -265,12 +265,22 @@ def _plan_trials(
     return plans
 
 
-def _check_unmapped(unmapped: Sequence[Mapping[str, str]]) -> list[str]:
-    """Return a remark for each channel of ``[columns]`` that a trial lacks; raises InputError where all trials do."""
-    for channel in unmapped[0]:
-        if all(channel in reasons for reasons in unmapped):
-            raise InputError(unmapped[0][channel])
-    return [f"{sentence}; the trial is used without it" for reasons in unmapped for sentence in reasons.values()]
+def _check_unmapped(contents: Sequence[TrialChannels], source: ChannelSource) -> list[str]:
+    """Return a remark for each expression of ``[columns]`` that a trial has no columns for.
+
+    Raises InputError where all trials have none: a name in it is misspelt.
+    """
+    for channel, reason in contents[0].unmapped.items():
+        if all(channel in content.unmapped for content in contents):
+            raise InputError(reason)
+    remarks = []
+    for content in contents:
+        found = {TIME_COLUMN, *content.prescribed, *content.measured}
+        for channel, reason in content.unmapped.items():
+            is_found = resolve_channel(source, channel) in found
+            end = f"its column '{channel}' is used as it is" if is_found else "the trial is used without it"
+            remarks.append(f"{reason}; {end}")
+    return remarks
 
 
 def split_dataset(dataset: Dataset) -> Split:

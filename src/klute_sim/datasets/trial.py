@@ -112,7 +112,7 @@ class TrialChannels(NamedTuple):
     sources: Mapping[str, str]
     """Channel -> columns that it is read from, and its unit; numbers in an expression do not count."""
     unmapped: Mapping[str, str]
-    """Measured channel of the dataset's ``[columns]`` that the trial lacks -> reason."""
+    """Channel of the dataset's ``[columns]`` whose expression the trial does not have the columns for -> reason."""
 
 
 def read_trial(
