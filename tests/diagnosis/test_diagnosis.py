@@ -302,7 +302,11 @@ def test_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (("nowhere",), "folder nowhere does not exist"),
-        (("{data}", "--only", "gremlins"), "there is no effect 'gremlins'; there are: "),
+        (("{data}", "--only", "gremlins"), "there is no effect or number 'gremlins'; the effects are: "),
+        (
+            ("{data}", "--exclude", "muscle.bladder_radius"),
+            "did you mean 'muscle.bladder_radius_mm'? The numbers are: ",
+        ),
         (("{data}", "--device", "gremlin"), "no device 'gremlin'"),
         (("{data}", "--catalogue", "gremlins.py"), "does not exist"),
         (("{data}", "--out", "{data}"), "is not empty"),

@@ -85,7 +85,7 @@ def test_candidates_exclude_effects_of_the_device(fitted_data: tuple) -> None:
     assert number.number == "muscle.turns_per_m"
     with pytest.raises(InputError, match=r"'sensor_gain@froce' is no candidate.*did you mean 'sensor_gain@force'"):
         list_candidate_terms(weighted_data, data, exclude=("sensor_gain@froce",))
-    with pytest.raises(InputError, match="there is no effect 'taper'"):
+    with pytest.raises(InputError, match=r"no effect or number 'taper'.* numbers are named as 'muscle\.count'"):
         check_effect_names(load_device("klute-3-4-pair"), ("taper",), ())
     content = load_device("klute-3-4-pair").content + b"\n[effects.end_taper]\ncone_ratio = 1.0\n"
     tapering = parse_device(content, "tapering")

@@ -80,8 +80,8 @@ def check_effect_names(
     numbers = {NUMBER_ERROR_NAME, *device.spec.collect_values(), *model_numbers}
     for name in (*only, *exclude):
         effect = name.partition("@")[0]
-        if effect not in numbers:
-            catalogue.find_form(effect, None)
+        if effect not in numbers and effect not in catalogue.get_effects():
+            raise InputError(_describe_unknown_name(effect, [*device.spec.collect_values(), *model_numbers]))
     for name in (name.partition("@")[0] for name in only):
         if name in numbers:
             continue
@@ -97,6 +97,19 @@ def check_effect_names(
         incompatibility = device.spec.find_incompatibility(name)
         if incompatibility:
             raise InputError(f"device '{device.name}': {incompatibility}")
+
+
+def _describe_unknown_name(name: str, numbers: Sequence[str]) -> str:
+    """Return a sentence that lists the effects, or the ``numbers`` where ``name`` is written as one: section.key."""
+    effects = list(catalogue.get_effects())
+    if "." in name:
+        listing = f"the numbers are: {', '.join(numbers)}; 'klute-sim effects' lists the effects"
+    else:
+        listing = (
+            f"the effects are: {', '.join(effects)}; numbers are named as '{numbers[0]}'. To add effects of your own, "
+            "name their file with --catalogue"
+        )
+    return f"there is no effect or number '{name}'; {suggest(name, [*effects, *numbers], listing)}"
 
 
 def list_candidate_terms(
