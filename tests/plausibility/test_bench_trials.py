@@ -11,6 +11,7 @@ from klute_sim.datasets.dataset import load_dataset
 from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import load_device, parse_device
 from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.errors import InputError
 from klute_sim.plausibility.finding import ImplausibleInputError
 from klute_sim.types import Array
 from tests.datasets.test_muscle_diameter import TEN_MM
@@ -59,6 +60,8 @@ def test_accepted_findings_are_remarks(tmp_path: Path) -> None:
     dataset = load_dataset(tmp_path / "data", accept=["force-sign"])
     assert {finding.name for finding in dataset.accepted} == {"force-sign"}
     assert all(remark.startswith("accepted: trial '") for remark in dataset.remarks)
+    with pytest.raises(InputError, match="there is no finding 'sign'; found in these data: force-sign"):
+        load_dataset(tmp_path / "data", accept=["force-sign", "sign"])
     file = tmp_path / "data" / "dataset.toml"
     file.write_text('accept = ["force-sign", "length-unit"]\n' + file.read_text("utf-8"), "utf-8")
     *remarks, unused = load_dataset(tmp_path / "data").remarks

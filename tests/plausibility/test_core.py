@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from klute_sim.plausibility.finding import Finding, ImplausibleInputError, require_accepted
+from klute_sim.errors import InputError
+from klute_sim.plausibility.finding import Finding, ImplausibleInputError, check_accepted_names, require_accepted
 from klute_sim.plausibility.gait.markers import find_length_unit
 from klute_sim.plausibility.samples import (
     Samples,
@@ -38,6 +39,32 @@ def test_accepted_findings_are_returned() -> None:
         require_accepted([FORCE, TIME], {"time-unit"})
     assert "--accept force-unit" in str(error.value)
     assert "time" not in str(error.value)
+
+
+CHANNELS = ("force", "length", "pressure_command")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["force-unit", "length-force-exchanged", "time-reversed", "marker-unit", "muscle.count", "pressure_command-sign"],
+)
+def test_names_that_a_finding_can_have_may_be_accepted(name: str) -> None:
+    check_accepted_names([name], [TIME], CHANNELS, ["muscle.count"])
+
+
+@pytest.mark.parametrize(
+    ("name", "found", "message"),
+    [
+        ("bla", [], "there is no finding 'bla'; these data have none to accept"),
+        ("x", [FORCE, TIME], "there is no finding 'x'; found in these data: force-unit, time-unit"),
+        ("forse-unit", [FORCE], "'forse-unit'; did you mean 'force-unit'? Found in these data: force-unit"),
+        ("force_unit", [FORCE], "did you mean 'force-unit'?"),
+    ],
+)
+def test_other_names_to_accept_are_refused(name: str, found: list[Finding], message: str) -> None:
+    with pytest.raises(InputError) as error:
+        check_accepted_names([name], found, CHANNELS)
+    assert message in str(error.value)
 
 
 def test_equal_findings_are_reported_once() -> None:

@@ -1,6 +1,6 @@
 """Plausibility of the trials of a dataset: hands their channels and their devices to the checks."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -20,11 +20,11 @@ from klute_sim.plausibility.bench.check import check_bench_trials
 from klute_sim.plausibility.bench.magnitudes import check_device_channels, check_missing_value_codes
 from klute_sim.plausibility.bench.trial import SI_UNITS, Channel, DeviceLimits, RecordedTrial, Response, Simulate
 from klute_sim.plausibility.device_numbers import check_device_numbers
-from klute_sim.plausibility.finding import Finding
+from klute_sim.plausibility.finding import Finding, check_accepted_names
 from klute_sim.plausibility.gait.positions import ScaledSeries
 from klute_sim.plausibility.gait.steps import Series
 from klute_sim.plausibility.gait.trial import GAIT_CHANNELS, GaitChannels, find_trial_findings
-from klute_sim.plausibility.gravity import check_gravity
+from klute_sim.plausibility.gravity import GRAVITY_NAME, check_gravity
 from klute_sim.plausibility.joint_angle import check_joint_angle
 from klute_sim.plausibility.samples import Samples
 from klute_sim.types import Array
@@ -52,6 +52,23 @@ def find_implausible(rig: ChannelSource, trials: Sequence[Trial], contents: Sequ
         codes, trial_without_codes = check_missing_value_codes(device_trial)
         findings += [*codes, *check_device_channels(trial_without_codes)]
     return findings
+
+
+def check_supply(trial: Trial, source: str) -> None:
+    """Raise InputError where ``trial`` has pressures, but its device has no supply."""
+    if trial.device.spec.supply is not None:
+        return
+    if "pressure" in trial.measured or trial.prescribed["pressure_command"].value.any():
+        raise InputError(
+            f"{source}, trial '{trial.name}': there are pressures, but device '{trial.device.name}' has no [supply]; "
+            "add it to the device file, or remove the columns 'pressure' and 'pressure_command'"
+        )
+
+
+def check_accepted(names: Iterable[str], findings: Iterable[Finding], rig: ChannelSource, device: Device) -> None:
+    """Raise InputError for one of ``names`` to accept that is none of ``findings`` and cannot be one on ``rig``."""
+    others = (GRAVITY_NAME, *device.spec.collect_values())
+    check_accepted_names(names, findings, (*SI_UNITS, *get_column_units(rig)), others)
 
 
 def check_measured_channels(mechanism: DatasetMechanism, trials: Sequence[Trial], source: str) -> None:

@@ -137,7 +137,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         for file_digest in channels.digests:
             digest.update(bytes.fromhex(file_digest))
         trials.append(plan.build_trial(files, channels, source))
-        _check_supply(trials[-1], source)
+        checks.check_supply(trials[-1], source)
         contents.append(channels)
     unmapped_remarks = _check_unmapped(contents, channel_source)
     fit_trials = [trial for trial in trials if trial.name in split.fit]
@@ -151,6 +151,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     if mechanism is not None:
         checks.check_measured_channels(mechanism, trials, source)
         findings += checks.find_implausible_mechanism(mechanism, trials, [channels.units for channels in contents])
+    checks.check_accepted(accept, findings, channel_source, device)
     accepted = require_accepted(findings, {*file.accept, *accept})
     for trial in trials:  # after the checks, which name the unit that a long duration seems to be in
         for series in (*trial.prescribed.values(), *trial.measured.values()):
@@ -288,17 +289,6 @@ def split_dataset(dataset: Dataset) -> Split:
     return assign_uses(
         (SplitEntry(t.name, t.group, t.use) for t in dataset.trials), str(dataset.folder / DATASET_FILE_NAME)
     )
-
-
-def _check_supply(trial: Trial, source: str) -> None:
-    """Raise InputError where ``trial`` has pressures, but its device has no supply."""
-    if trial.device.spec.supply is not None:
-        return
-    if "pressure" in trial.measured or trial.prescribed["pressure_command"].value.any():
-        raise InputError(
-            f"{source}, trial '{trial.name}': there are pressures, but device '{trial.device.name}' has no [supply]; "
-            "add it to the device file, or remove the columns 'pressure' and 'pressure_command'"
-        )
 
 
 def _validate_trusted(names: Sequence[str], measured: Mapping[str, TimeSeries], source: str) -> frozenset[str]:

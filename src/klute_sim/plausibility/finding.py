@@ -3,8 +3,15 @@
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple
 
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, suggest
 
+KINDS = frozenset(
+    {"absolute", "axis", "exchanged", "gap", "geometry", "length", "missing", "origin", "reversed", "scale", "sign"}
+    | {"start", "unit", "wrapped", "zero"}
+)
+"""Last words of the names of findings in trials; the words before them are channels or :data:`SUBJECTS`."""
+SUBJECTS = frozenset({"forward", "marker", "mass", "side", "stature", "stride", "time"})
+"""What else the findings in trials concern."""
 MAX_LISTED_FINDINGS = 4
 """Maximum number of findings that one error lists."""
 
@@ -37,6 +44,25 @@ class ImplausibleInputError(InputError):
 def format_options(names: Sequence[str]) -> str:
     """Return the options of the command line that accept findings with ``names``."""
     return " ".join(f"--accept {name}" for name in names)
+
+
+def check_accepted_names(
+    names: Iterable[str], found: Iterable[Finding], channels: Collection[str], others: Collection[str] = ()
+) -> None:
+    """Raise InputError for one of ``names`` to accept that no finding in trials with ``channels`` can have.
+
+    ``others`` are further possible names. The sentence lists the names that were ``found``; a possible one that was
+    not is allowed, because the same names may be accepted for several datasets.
+    """
+    found_names = list(dict.fromkeys(finding.name for finding in found))
+    for name in names:
+        *subjects, kind = name.split("-")
+        is_possible = bool(subjects) and kind in KINDS and {*subjects} <= {*channels, *SUBJECTS}
+        if not is_possible and name not in (*found_names, *others):
+            listing = (
+                f"found in these data: {', '.join(found_names)}" if found_names else "these data have none to accept"
+            )
+            raise InputError(f"there is no finding '{name}'; {suggest(name, found_names, listing)}")
 
 
 def require_accepted(

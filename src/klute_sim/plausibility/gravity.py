@@ -7,6 +7,8 @@ from klute_sim.constants import GRAVITY
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.units import round_digits
 
+GRAVITY_NAME = "gravity"
+"""Name of the finding."""
 MIN_GRAVITY, MAX_GRAVITY = 0.5, 30.0
 """Limits of gravity [m/s2] (assumed: from a small moon to the largest planet); 0 is a model without gravity."""
 UNIT_TOLERANCE = 0.05
@@ -27,4 +29,4 @@ def check_gravity(gravity: Sequence[float], place: str) -> list[Finding]:
         f"the gravity of the model is {round_digits(magnitude):g} m/s2{cause}; allowed: 0, or {MIN_GRAVITY:g} to "
         f"{MAX_GRAVITY:g} m/s2; correct `gravity` under `option` in the model, or model.option.gravity_x to _z"
     )
-    return [Finding("gravity", place, statement)]
+    return [Finding(GRAVITY_NAME, place, statement)]
