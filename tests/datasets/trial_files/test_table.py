@@ -240,6 +240,13 @@ HEAD = "time [s],force [N]\n"
         ("time [s],force []\n1,2\n", "column 'force []' has a unit of the wrong kind"),
         ("time [s],force [N],Force [kN]\n1,2,3\n", "columns 'force [N]' and 'Force [kN]' are the same channel"),
         (HEAD + "1,2\n\n3,abc\n", "column 'force [N]', line 4: 'abc' is not a number; leave the cell of a missing"),
+        (
+            HEAD + "10:15:00.000,2\n",
+            "line 2: '10:15:00.000' is a date or a time of day, which cannot be read; write sec",
+        ),
+        (HEAD + "2024-03-11T10:15:00.000,2\n", "'2024-03-11T10:15:00.000' is a date or a time of day, which cannot be"),
+        (HEAD + "11.03.2024 10:15,2\n", "'11.03.2024 10:15' is a date or a time of day, which cannot be read"),
+        (HEAD + "now,2\n", "line 2: 'now' is not a number; every row needs a time as a number, such as seconds"),
         (HEAD + "1,2\n3,1_0\n", "line 3: '1_0' is not a number"),
         (HEAD + "1,2\n3,inf\n", "line 3: the value is infinite"),
         (HEAD + "1,2\n3,-Infinity\n4,2\n", "line 3: the value is infinite"),

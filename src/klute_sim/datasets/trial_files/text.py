@@ -34,6 +34,12 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(([.,' \u00a0\u202f])\d{3})+([.,]\d*)?")
 _CERTAIN_DECIMAL_COMMA = r"^\s*[+-]?(0\d*|\d{4,})?,|,(\d{0,2}|\d{4,})\s*$|[eE]"
 """A comma that cannot separate thousands, for RE2."""
+_CLOCK_TIME = re.compile(
+    r"(?=\d)(\d{1,4}([-./])\d{1,2}\2\d{1,4}[T ]*)?(\d{1,2}:\d{2}(:\d{2}([.,]\d*)?)?)?\s*"
+    r"(Z|[+-]\d{2}:?\d{2}|[AaPp][Mm])?"
+)
+"""A time of day, a date or both."""
+_TIME_NAME = re.compile(r"time\b", re.IGNORECASE)
 _MISSING_VALUES = [" " * width for width in range(33)]
 """Empty cells, with or without padding by blanks."""
 _EMPTY_CELLS = b" \t,;"
@@ -156,7 +162,7 @@ class DelimitedText:
                 )
             for index in indices:
                 cell = cells[index].strip()
-                cell_error = _describe_cell_error(cell, allows_comma=self.delimiter != ",")
+                cell_error = _describe_cell_error(cell, self.headings[index], allows_comma=self.delimiter != ",")
                 if cell_error:
                     return f"column '{self.headings[index]}', line {number}: {cell_error}"
                 mark = "," if "," in cell else "." if "." in cell else ""
@@ -213,7 +219,7 @@ def _remove_empty_end(body: bytes) -> bytes:
     return body[: max(end, 0)]
 
 
-def _describe_cell_error(cell: str, *, allows_comma: bool) -> str | None:
+def _describe_cell_error(cell: str, heading: str, *, allows_comma: bool) -> str | None:
     if not cell:
         return None
     if (
@@ -225,6 +231,10 @@ def _describe_cell_error(cell: str, *, allows_comma: bool) -> str | None:
     if _DECIMAL_COMMA.fullmatch(cell):
         return None if allows_comma else f"'{cell}' has a decimal comma; separate the cells by semicolons or tabs"
     if not NUMBER.fullmatch(cell):
+        if _CLOCK_TIME.fullmatch(cell):
+            return f"'{cell[:40]}' is a date or a time of day, which cannot be read; write seconds as a number"
+        if _TIME_NAME.match(heading):
+            return f"'{cell[:40]}' is not a number; every row needs a time as a number, such as seconds"
         return f"'{cell[:40]}' is not a number; leave the cell of a missing sample empty"
     if math.isinf(float(cell)):
         return f"'{cell[:40]}' is too large"
