@@ -262,6 +262,13 @@ HEAD = "time [s],force [N]\n"
             "time [s];force [N]\n0;1,5\n2;1.5\n",
             "mixed: '1,5' (line 2) and '1.5' (line 3); use one of them in the whole",
         ),
+        (
+            HEAD + '"0,000","1,5"\n',
+            "line 2: '0,000' has a decimal comma; write decimal points, or separate the cells by",
+        ),
+        (HEAD + '1,"1,5"\n', "line 2: '1,5' has a decimal comma; write decimal points, or separate the cells by"),
+        (HEAD + '1,"1,234"\n', "line 2: '1,234' may have a decimal comma or separate thousands; write decimal points"),
+        (HEAD + '1,"1,234,567"\n', "line 2: '1,234,567' separates thousands; write digits without separators"),
         ("time [s];force [N]\n0;1.234,5\n", "'1.234,5' separates thousands; write digits without separators"),
         ("time [s]\tforce [N]\n0\t1,234.5\n", "'1,234.5' separates thousands; write digits without"),
         ("time [s];force [N]\n0;1,234,567\n", "'1,234,567' separates thousands; write digits without"),

@@ -222,14 +222,15 @@ def _remove_empty_end(body: bytes) -> bytes:
 def _describe_cell_error(cell: str, heading: str, *, allows_comma: bool) -> str | None:
     if not cell:
         return None
-    if (
-        _THOUSANDS.fullmatch(cell)
-        and not NUMBER.fullmatch(cell)
-        and not (allows_comma and _DECIMAL_COMMA.fullmatch(cell))
-    ):
-        return f"'{cell}' separates thousands; write digits without separators"
-    if _DECIMAL_COMMA.fullmatch(cell):
-        return None if allows_comma else f"'{cell}' has a decimal comma; separate the cells by semicolons or tabs"
+    has_decimal_comma = _DECIMAL_COMMA.fullmatch(cell) is not None
+    if has_decimal_comma and (allows_comma or re.search(_CERTAIN_DECIMAL_COMMA, cell)):
+        if allows_comma:
+            return None
+        return f"'{cell}' has a decimal comma; write decimal points, or separate the cells by semicolons or tabs"
+    if _THOUSANDS.fullmatch(cell) and not NUMBER.fullmatch(cell):
+        may_be_decimal = "may have a decimal comma or separate thousands; write decimal points"
+        reason = may_be_decimal if has_decimal_comma else "separates thousands; write digits without separators"
+        return f"'{cell}' {reason}"
     if not NUMBER.fullmatch(cell):
         if _CLOCK_TIME.fullmatch(cell):
             return f"'{cell[:40]}' is a date or a time of day, which cannot be read; write seconds as a number"
