@@ -231,6 +231,8 @@ HEAD = "time [s],force [N]\n"
         (b"time [s],force [\xb0]\n1,2\n", "column 'force [°]' has a unit of the wrong kind"),
         ("1,2\n3,4\n", "has no heading: the first line must name the columns, such as 'time [s]'"),
         ("1,5;2,5\n3,5;4,5\n", "has no heading"),
+        ("time[s] force[N]\n0 1.5\n", "its columns are separated by spaces; separate them by commas, semicolons or"),
+        ("time [s]   force [N]\n\n  0,0   1,5\n", "its columns are separated by spaces"),
         ('time [s],"force [N]\n1,2\n', "the heading line cannot be read"),
         ("time [s],force\n1,2\n", "column 'force' has no unit in square brackets; write for example 'force [N]'"),
         ("time (s),force [N]\n1,2\n", "column 'time (s)' has no unit in square brackets; write for example 'time [s]'"),

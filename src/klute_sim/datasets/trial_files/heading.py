@@ -71,6 +71,8 @@ def find_heading(content: bytes, source: str, heading_row: int | None, is_known:
             "stands elsewhere, give its line as heading_row"
         )
     following = next((other for other in _iterate_lines(content, line) if other.content.strip()), None)
+    if following and len(cells) == 1:
+        _check_no_spaces(_decode(following.content), source)
     units = _read_units(following.content, delimiter, len(cells)) if following else None
     if following and units:
         cells = tuple(
@@ -79,6 +81,15 @@ def find_heading(content: bytes, source: str, heading_row: int | None, is_known:
     last = following if following and units else line
     has_preamble = bool(content[: line.start].strip())
     return Heading(cells, delimiter, line.number, last.end, last.number + 1, has_preamble)
+
+
+def _check_no_spaces(row: str, source: str) -> None:
+    """Raise InputError where the first ``row`` below a heading of one cell holds several numbers between spaces."""
+    numbers = row.split()
+    if len(numbers) > 1 and all(NUMBER.fullmatch(number.replace(",", ".")) for number in numbers):
+        raise InputError(
+            f"trial file {source}: its columns are separated by spaces; separate them by commas, semicolons or tabs"
+        )
 
 
 def _iterate_lines(content: bytes, after: _Line = _BEGINNING) -> Iterator[_Line]:
