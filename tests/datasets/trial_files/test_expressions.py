@@ -83,6 +83,8 @@ def test_a_column_alone_may_omit_its_unit(text: str, unit: str | None) -> None:
         ("2 raw [N]", "position 3: 'raw' is not expected; write * for a product, square brackets around a unit, and"),
         ("4.45 N", "position 6: 'N' is not expected; write * for a product, square brackets around a unit, and"),
         ("(a [N]", "position 1: '(' is not closed"),
+        ("(0.392 a - 4.18) * 4.45 [N]", "position 8: 'a' is not expected; write * for a product, square brackets"),
+        ("((a + 1) [N]", "position 1: '(' is not closed"),
         ("a) [N]", "position 2: ')' is not expected"),
         ("a * / b [N]", "position 5: '/' is not expected; a number, a column or '(' is"),
         ("a + [N]", "position 8: a number, a column or '(' is missing"),

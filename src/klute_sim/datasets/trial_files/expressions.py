@@ -124,9 +124,7 @@ class _Parser:
         """Return the program of the whole expression."""
         self._parse_sum()
         if self.index < len(self.tokens):
-            token = self.tokens[self.index]
-            is_operand = token.kind in ("number", "name", "heading") or token.text == "("
-            raise self._error(token.position, f"'{token.text}' is not expected{OPERAND_ADVICE if is_operand else ''}")
+            raise self._refuse(self.tokens[self.index])
         return self.program
 
     def _split(self) -> list[_Token]:
@@ -177,7 +175,13 @@ class _Parser:
             self._parse_sum()
             self.depth -= 1
             if not self._take(")"):
-                raise self._error(token.position, "'(' is not closed")
+                # Two operands without an operator end the sum, too.
+                is_end = self.index == len(self.tokens)
+                raise (
+                    self._error(token.position, "'(' is not closed")
+                    if is_end
+                    else self._refuse(self.tokens[self.index])
+                )
         elif token.kind == "operator":
             raise self._error(token.position, f"'{token.text}' is not expected; a number, a column or '(' is")
         else:
@@ -202,6 +206,10 @@ class _Parser:
                 self.index += 1
                 return token.text
         return ""
+
+    def _refuse(self, token: _Token) -> InputError:
+        is_operand = token.kind in ("number", "name", "heading") or token.text == "("
+        return self._error(token.position, f"'{token.text}' is not expected{OPERAND_ADVICE if is_operand else ''}")
 
     def _error(self, position: int, reason: str) -> InputError:
         return InputError(f"{self.place} = '{self.text}', position {position}: {reason}")
