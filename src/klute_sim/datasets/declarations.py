@@ -28,10 +28,7 @@ def parse_quantity(text: str, si_unit: str, place: str) -> float:
     number, unit = _split_quantity(text, si_unit, place)
     factor = unit_conversion.get_si_factor(unit, si_unit)
     if factor is None:
-        raise InputError(
-            f"{place} = '{text}' has a unit of the wrong kind; allowed: {unit_conversion.EXAMPLE_UNITS[si_unit]} and "
-            "other units of that kind"
-        )
+        raise InputError(f"{place} = '{text}' has {unit_conversion.describe_wrong_unit(unit, si_unit)}")
     return number * factor
 
 

@@ -36,7 +36,7 @@ def get_si_factor(unit: str, si_unit: str) -> float | None:
     Base units are compared, so a percentage is not an angle although both are dimensionless. A unit with an offset,
     such as a temperature, has no factor.
     """
-    if _UNIT_TOKEN.sub("", unit) or _EXCESSIVE_POWER.search(unit):
+    if not _is_readable(unit):
         return None
     registry = _get_registry()
     try:
@@ -47,6 +47,33 @@ def get_si_factor(unit: str, si_unit: str) -> float | None:
     except Exception:  # for an invalid unit, pint's parser raises a dozen types of exceptions
         return None
     return float(value) if base == si_base else None
+
+
+def describe_wrong_unit(unit: str, si_unit: str) -> str:
+    """Return what is wrong with ``unit``, which has no factor to ``si_unit``, and what is allowed, for a message."""
+    allowed = f"allowed: {EXAMPLE_UNITS[si_unit]} and other units of that kind"
+    if _is_known(unit):
+        return f"a unit of the wrong kind; {allowed}"
+    if get_si_factor(unit.lower(), si_unit) is None:
+        return f"the unknown unit '{unit}'; {allowed}"
+    symbol = f"{_get_registry().parse_units(unit.lower()):~}"
+    return f"the unknown unit '{unit}'; did you mean '{symbol}'? A{allowed[1:]}"
+
+
+def _is_known(unit: str) -> bool:
+    """Return whether ``unit`` is one of any kind; text that no unit consists of counts as one of no kind."""
+    if not _is_readable(unit):
+        return True
+    try:
+        _get_registry().parse_units(unit)
+    except Exception:  # as in get_si_factor
+        return False
+    return True
+
+
+def _is_readable(unit: str) -> bool:
+    """Return whether ``unit`` consists of what units consist of, so that pint reads it in a short time."""
+    return not (_UNIT_TOKEN.sub("", unit) or _EXCESSIVE_POWER.search(unit))
 
 
 def get_conversion_factor(unit: str, target_unit: str) -> float | None:

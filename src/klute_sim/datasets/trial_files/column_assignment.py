@@ -183,8 +183,8 @@ def _determine_unit(
     column_factor = unit_conversion.get_si_factor(heading_unit, si_unit)
     if column_factor is None:
         raise InputError(
-            f"trial file {source}: {expression.label} = '{expression.text}' names the column '{heading}', whose unit "
-            f"is of the wrong kind; allowed: {examples} and other units of that kind"
+            f"trial file {source}: {expression.label} = '{expression.text}' names the column '{heading}', which has "
+            f"{unit_conversion.describe_wrong_unit(heading_unit, si_unit)}"
         )
     return heading_unit, column_factor, ""
 
@@ -213,7 +213,6 @@ def _require_unit(heading: str, si_unit: str, source: str) -> tuple[str, float]:
     factor = unit_conversion.get_si_factor(unit, si_unit)
     if factor is None:
         raise InputError(
-            f"trial file {source}: column '{heading}' has a unit of the wrong kind; allowed: "
-            f"{unit_conversion.EXAMPLE_UNITS[si_unit]} and other units of that kind"
+            f"trial file {source}: column '{heading}' has {unit_conversion.describe_wrong_unit(unit, si_unit)}"
         )
     return unit, factor

@@ -96,10 +96,7 @@ def parse_expression(text: str, si_unit: str, label: str, source: str) -> Expres
         example = unit_conversion.EXAMPLE_UNITS[si_unit].split(",")[0]
         raise InputError(f"{place} = '{text}' has no unit at its end; write for example '... [{example}]'")
     if parser.unit is not None and unit_conversion.get_si_factor(parser.unit, si_unit) is None:
-        raise InputError(
-            f"{place} = '{text}' has a unit of the wrong kind; allowed: {unit_conversion.EXAMPLE_UNITS[si_unit]} and "
-            "other units of that kind"
-        )
+        raise InputError(f"{place} = '{text}' has {unit_conversion.describe_wrong_unit(parser.unit, si_unit)}")
     return expression
 
 
