@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import WeightedData
@@ -12,6 +13,7 @@ from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.diagnosis.remarks import (
     describe_contradicted_numbers,
     describe_exceeded_tolerance,
+    describe_excessive_commands,
     describe_refitted_numbers,
 )
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
@@ -19,6 +21,23 @@ from tests.diagnosis.synthetic_dataset import make_repeats
 from tests.diagnosis.test_numbers import NOMINAL, make_fit, make_number_term
 
 SLACK = "tendon.slack_length_mm"
+
+
+def make_trial(name: str, command_bar: float) -> Trial:
+    time = np.arange(1000.0)
+    prescribed = {"pressure_command": TimeSeries(time, np.full(1000, 1e5 * command_bar))}
+    return Trial(name=name, group=name, use=None, device=NOMINAL, files=(), prescribed=prescribed, measured={})
+
+
+def test_commands_beyond_the_supply_are_stated_with_the_excess() -> None:
+    supply = NOMINAL.spec.collect_values()["supply.pressure_bar"]
+    low, high, higher = (make_trial(name, supply + excess) for name, excess in (("a", 0.0), ("b", 1.0), ("c", 2.5)))
+    spiked = make_trial("d", supply)
+    spiked.prescribed["pressure_command"].value[7] = 1e7
+    assert describe_excessive_commands([low, spiked]) == []
+    (sentence,) = describe_excessive_commands([low, high, higher])
+    assert f"commands of 2 of 3 trials exceed supply.pressure_bar = {supply:.3g} of the device" in sentence
+    assert "by up to 2.5 bar in 'c'" in sentence
 
 
 def test_change_of_an_uncertain_number_is_stated_from_two_standard_deviations_on() -> None:

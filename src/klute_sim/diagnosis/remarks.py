@@ -1,12 +1,59 @@
-"""Remarks about fitted numbers, tolerances and displays, which are among the reasons of a verdict."""
+"""Remarks about commands, fitted numbers, tolerances and displays, which are among the reasons of a verdict."""
 
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from klute_sim.datasets.mechanism_channels import normalize_name
+from klute_sim.datasets.trial import COMMAND_CHANNEL, Trial
+from klute_sim.device.device import Device
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.types import Array
+from klute_sim.units import BAR
 
 MIN_REPORTED_SIGMAS = 2.0
 """Change of an uncertain number in a fit that the reasons state, in its standard deviations (assumed)."""
+
+HIGH_COMMAND_PERCENTILE = 99.0
+"""Percentile of the commands of a trial that is compared with the supply; a spike in a log is higher (assumed)."""
+MAX_COMMAND_RATIO = 1.02
+"""Largest ratio of a command to the pressure of the supply that is no reason for a remark (assumed: a calibration)."""
+
+
+def describe_excessive_commands(trials: Sequence[Trial]) -> list[str]:
+    """Return a sentence about the commands that exceed the supply of their device; none without any.
+
+    The simulated pressure stays at that of the supply, so names and numbers that raise the force may imitate a supply
+    that is stated too low.
+    """
+    excesses: dict[str, tuple[float, float]] = {}
+    for trial in trials:
+        for device, command in _pair_commands(trial):
+            highest, supply = float(np.percentile(command, HIGH_COMMAND_PERCENTILE)), device.parameters.supply
+            if supply.command_is_opening == 0.0 and highest > MAX_COMMAND_RATIO * supply.max_pressure:
+                excesses[trial.name] = max(
+                    excesses.get(trial.name, (0.0, 0.0)), (highest - supply.max_pressure, supply.max_pressure)
+                )
+    if not excesses:
+        return []
+    name = max(excesses, key=lambda each: excesses[each][0])
+    excess, pressure = excesses[name]
+    return [
+        f"The commands of {len(excesses)} of {len(trials)} trials exceed supply.pressure_bar = {pressure / BAR:.3g} of "
+        f"the device, by up to {excess / BAR:.3g} bar in '{name}'; the simulated pressure stays below it. Correct the "
+        "number if the real supply is higher."
+    ]
+
+
+def _pair_commands(trial: Trial) -> Iterator[tuple[Device, Array]]:
+    """Yield each device of ``trial`` that has a supply, with its commands [Pa]."""
+    devices = {f"{COMMAND_CHANNEL}_{normalize_name(tendon)}": device for tendon, device in trial.devices.items()}
+    for channel, device in (devices or {COMMAND_CHANNEL: trial.device}).items():
+        if channel in trial.prescribed and device.spec.supply is not None:
+            yield device, trial.prescribed[channel].value
 
 
 def describe_contradicted_numbers(fit: Fit) -> list[str]:

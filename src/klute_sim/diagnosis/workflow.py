@@ -51,6 +51,7 @@ from klute_sim.diagnosis.recording_faults import suspect_absolute_pressures
 from klute_sim.diagnosis.remarks import (
     describe_contradicted_numbers,
     describe_exceeded_tolerance,
+    describe_excessive_commands,
     describe_quantization,
     describe_refitted_numbers,
 )
@@ -99,6 +100,7 @@ def _run_workflow(
     experiments, fitted, reasons, problems = select_usable_data(
         dataset, prepare_experiments(dataset, partition), simulator
     )
+    reasons = [*describe_excessive_commands(dataset.trials), *reasons]
     if problems:
         return Diagnosis(
             dataset=dataset,
