@@ -120,12 +120,32 @@ def test_limits_that_leave_hardly_a_sample_are_refused(tmp_path: Path, limits: s
         ('[tolerance]\nforce = "5 mm"\n', "[tolerance] force = '5 mm' has a unit of the wrong kind"),
         ('[tolerance]\nforce = "5 N %"\n', "force = '5 N %' is refused; write a percentage such as '2 %'"),
         ('[tolerance]\nforce = "-2 %"\n', "force = '-2 %' is refused; allowed: a number above 0"),
+        ('[tolerance]\nforce = "200 %"\n', "'200 %' is refused; allowed: up to 100 % of the range of the channel"),
         ('[tolerance]\nlength = "1 mm"\n', "unknown channel 'length'; "),
         ('[tolerance]\npressure = "2 %"\n', "has no range to refer to: the channel is not measured in a fit trial"),
     ],
 )  # fmt: skip
 def test_invalid_quantities_are_refused(tmp_path: Path, text: str, message: str) -> None:
     assert message in load_error(tmp_path, text + TRIALS)
+
+
+@pytest.mark.parametrize(
+    ("text", "subject"),
+    [
+        ('[noise]\nlength = "500 mm"\n', "the noise of length, '500 mm',"),
+        ('[noise]\npressure_command = "20 bar"\n', "the noise of pressure_command, '20 bar',"),
+        ('[tolerance]\nforce = "800 N"\n', "[tolerance] force, '800 N',"),
+    ],
+)
+def test_noise_and_tolerance_beyond_the_range_are_refused(tmp_path: Path, text: str, subject: str) -> None:
+    sentence = load_error(tmp_path, text + TRIALS)
+    assert f"{subject} is larger than the range of the channel; is its unit right?" in sentence
+
+
+def test_constant_channel_may_be_wrong_by_more_than_its_range(tmp_path: Path) -> None:
+    assert load(tmp_path, '[noise]\nlength = "2 mm"\n[tolerance]\nforce = "20 N"\n' + TRIALS).tolerance == {
+        "force": 20.0
+    }
 
 
 def test_invalid_noise_of_a_trial_is_refused_with_its_name(tmp_path: Path) -> None:

@@ -140,10 +140,6 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         checks.check_supply(trials[-1], source)
         contents.append(channels)
     unmapped_remarks = _check_unmapped(contents, channel_source)
-    fit_trials = [trial for trial in trials if trial.name in split.fit]
-    limit_texts = {channel: text for table in (*file.trial, file) for channel, text in table.limits.items()}
-    declarations.check_limits(fit_trials, limit_texts, source)
-    tolerance = declarations.compute_tolerances(file.tolerance, channel_source, fit_trials, f"{source}: [tolerance]")
     findings = [
         *checks.find_implausible_changes(trials, [entry.device for entry in file.trial]),
         *checks.find_implausible(channel_source, trials, contents),
@@ -153,6 +149,13 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         findings += checks.find_implausible_mechanism(mechanism, trials, [channels.units for channels in contents])
     checks.check_accepted(accept, findings, channel_source, device)
     accepted = require_accepted(findings, {*file.accept, *accept})
+    entries = [*zip(trials, file.trial, strict=True)]
+    fit_entries = [(trial, entry) for trial, entry in entries if trial.name in split.fit]
+    declarations.check_input_noise([(t, {**file.noise, **entry.noise}) for t, entry in entries], source)
+    declarations.check_limits([(t, {**file.limits, **entry.limits}) for t, entry in fit_entries], source)
+    tolerance = declarations.compute_tolerances(
+        file.tolerance, channel_source, [t for t, _ in fit_entries], f"{source}: [tolerance]"
+    )
     for trial in trials:  # after the checks, which name the unit that a long duration seems to be in
         for series in (*trial.prescribed.values(), *trial.measured.values()):
             check_duration(series.time, f"{source}, trial '{trial.name}'")

@@ -11,11 +11,15 @@ from klute_sim.datasets.channels import ChannelSource, get_measured_units, get_p
 from klute_sim.datasets.split import SplitEntry
 from klute_sim.datasets.trial import SensorLimits, Trial
 from klute_sim.errors import InputError, suggest
+from klute_sim.types import Array
 
 MAX_QUANTITY_LENGTH = 60
 """Longest text of a number with a unit [letters]."""
 MIN_FREE_FRACTION = 0.1
 """Smallest fraction of the samples of a channel that lie within the limits of its sensor (assumed)."""
+MIN_REFERENCE_FRACTION = 0.1
+"""Fraction of the largest magnitude of a channel that a noise or a tolerance may reach where the channel has a smaller
+range (assumed: a clamped length has hardly any, and may be wrong by more)."""
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d].*?|[°%].*?)\s*")
 _PERCENT = "%"
 
@@ -86,24 +90,49 @@ def parse_limits(limits: Mapping[str, str], rig: ChannelSource, place: str) -> d
     return parsed
 
 
-def check_limits(fit_trials: Sequence[Trial], texts: Mapping[str, str], place: str) -> None:
+def check_limits(fit_trials: Sequence[tuple[Trial, Mapping[str, str]]], place: str) -> None:
     """Raise InputError where the limits of a sensor leave too few samples of the ``fit_trials``.
 
-    ``texts`` holds the limits of each channel as written, for the sentence that begins with ``place``. Samples at a
-    limit or beyond show no noise and hardly a misfit.
+    Each trial comes with its limits as written, for the sentence that begins with ``place``. Samples at a limit or
+    beyond show no noise and hardly a misfit.
     """
-    for channel, text in texts.items():
-        samples = [(t.measured[channel].value, t.limits.get(channel)) for t in fit_trials if channel in t.measured]
-        n_samples = sum(int(np.isfinite(value).sum()) for value, _ in samples)
-        n_free = sum(
-            int((np.isfinite(value) if limits is None else (value > limits.low) & (value < limits.high)).sum())
-            for value, limits in samples
-        )
+    for channel in dict.fromkeys(channel for _, texts in fit_trials for channel in texts):
+        measured = [(trial, texts) for trial, texts in fit_trials if channel in trial.measured]
+        counts = [_count_free_samples(trial, channel) for trial, _ in measured]
+        n_free, n_samples = (sum(numbers) for numbers in zip(*counts, strict=True)) if counts else (0, 0)
         if n_free < MIN_FREE_FRACTION * n_samples:
+            text = next(texts[channel] for _, texts in measured if channel in texts)
             raise InputError(
                 f"{place}: the limits of {channel}, '{text}', leave {n_free} of the {n_samples} samples in the trials "
                 "for the fit, and the others are at a limit or beyond; is their unit right?"
             )
+
+
+def _count_free_samples(trial: Trial, channel: str) -> tuple[int, int]:
+    """Return how many samples of ``channel`` lie within the limits of its sensor, and how many there are."""
+    limits = trial.limits.get(channel, SensorLimits(-math.inf, math.inf))
+    values = trial.measured[channel].value[np.isfinite(trial.measured[channel].value)]
+    return int(((values > limits.low) & (values < limits.high)).sum()), len(values)
+
+
+def check_input_noise(trials: Sequence[tuple[Trial, Mapping[str, str]]], place: str) -> None:
+    """Raise InputError where the stated noise of a prescribed channel is larger than its range in all ``trials``.
+
+    Each trial comes with its noise as written, for the sentence that begins with ``place``.
+    """
+    for trial, texts in trials:
+        for channel, text in texts.items():
+            samples = [other.prescribed[channel].value for other, _ in trials]
+            _check_not_larger(trial.input_noise[channel], samples, text, f"{place}: the noise of {channel}")
+
+
+def _check_not_larger(value: float, samples: Sequence[Array], text: str, subject: str) -> None:
+    """Raise InputError where ``value`` [SI], written as ``text``, is larger than the range of the ``samples``."""
+    values = np.concatenate([each[np.isfinite(each)] for each in samples])
+    if values.size == 0 or not values.any():  # nothing to compare with, as the command of a device without a supply
+        return
+    if value > max(float(np.ptp(values)), MIN_REFERENCE_FRACTION * float(np.abs(values).max())):
+        raise InputError(f"{subject}, '{text}', is larger than the range of the channel; is its unit right?")
 
 
 def _check_measured(channel: str, units: Mapping[str, str], place: str) -> None:
@@ -119,7 +148,8 @@ def compute_tolerances(
 
     A tolerance in per cent refers to the range (largest minus smallest sample) of the channel over all ``fit_trials``.
     Raises InputError for a channel that ``rig`` does not measure, unless a tolerance is a positive number with a unit
-    of the channel's kind or with ``%``, and for a percentage where the fit trials have no range.
+    of the channel's kind or with ``%``, for a percentage where the fit trials have no range, and for a tolerance
+    larger than the range.
     """
     units = get_measured_units(rig)
     tolerances = {}
@@ -130,10 +160,15 @@ def compute_tolerances(
             percentage = _split_quantity(text, units[channel], key)
             if percentage[1] != _PERCENT:
                 raise InputError(f"{key} = '{text}' is refused; write a percentage such as '2 %'")
+            if percentage[0] > 100.0:
+                raise InputError(f"{key} = '{text}' is refused; allowed: up to 100 % of the range of the channel")
             value = percentage[0] / 100.0 * _compute_range(channel, fit_trials, text, key)
         else:
             value = parse_quantity(text, units[channel], key)
         tolerances[channel] = _require_positive(value, text, key)
+        samples = [trial.measured[channel].value for trial in fit_trials if channel in trial.measured]
+        if samples:
+            _check_not_larger(value, samples, text, key)
     return tolerances
 
 
