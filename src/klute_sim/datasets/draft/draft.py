@@ -84,7 +84,7 @@ def write_dataset_draft(
     shared = _find_shared_choices([file.choices for file in files])
     raw = _find_shared_choices([file.raw_choices for file in files])
     shared_raw = {channel: choice for channel, choice in raw.items() if channel not in shared}
-    missing = _list_missing(files)
+    missing = _list_missing(files, needs_command=device.spec.supply is not None)
     n_files = f"{len(files)} {'file' if len(files) == 1 else 'files'}"
     lines = [
         f"# Draft from the headings and samples of {n_files}. Check every line, and correct what is wrong.",
@@ -109,7 +109,7 @@ def write_dataset_draft(
         columns = _format_columns("[trial.columns]", own, own_raw, {})
         lines += [*columns, *(question.format_tables(index, file, has_columns=bool(columns)) if question else [])]
     remarks += [f"to do: {question.remark}"] if question else []
-    remarks += [*_describe_choices(files), *missing.values(), *_describe_repeats(groups)]
+    remarks += [*_describe_choices(files), *missing.values(), *_describe_repeats(files, groups, missing)]
     text = "\n".join(lines) + "\n"
     try:
         write_atomically(path, text)
@@ -188,10 +188,12 @@ def _find_shared_choices(choices_of_files: Sequence[Mapping[str, ColumnChoice]])
     return {channel: counter.most_common(1)[0][0] for channel, counter in counts.items()}
 
 
-def _list_missing(files: Sequence[RecognizedFile]) -> dict[str, str]:
+def _list_missing(files: Sequence[RecognizedFile], *, needs_command: bool) -> dict[str, str]:
     """Return time and prescribed channels that a file lacks, with a sentence about the files."""
     missing = {}
     for channel in ("time", *get_prescribed_units("bench")):
+        if channel == _COMMAND and not needs_command:
+            continue
         lacking = [file for file in files if channel not in {*file.choices, *file.raw_choices}]
         if lacking:
             others = f" and {len(lacking) - 1} more files" if len(lacking) > 1 else ""
@@ -268,7 +270,14 @@ def _describe_choices(files: Sequence[RecognizedFile]) -> list[str]:
     return remarks
 
 
-def _describe_repeats(groups: Sequence[int]) -> list[str]:
-    if len(set(groups)) < len(groups):
-        return []
-    return ["no two files have equal inputs, so no repeats measure the noise; if some are repeats, give them one group"]
+def _describe_repeats(files: Sequence[RecognizedFile], groups: Sequence[int], missing: Mapping[str, str]) -> list[str]:
+    """Return remarks about files without repeats, and about inputs that could not be compared."""
+    advice = "if some are repeats, give them one group"
+    sizes = Counter(groups)
+    alone = [file.path.name for file, group in zip(files, groups, strict=True) if sizes[group] == 1]
+    if len(alone) == len(files):
+        return [f"no two files have equal inputs, so no repeats measure the noise; {advice}"]
+    unknown = [channel for channel in get_prescribed_units("bench") if channel in missing]
+    remarks = [f"check the groups: repeats are recognized without {' and '.join(unknown)}"] if unknown else []
+    remarks += [f"check the groups: no other file has the inputs of {format_columns(alone)}; {advice}"] if alone else []
+    return remarks

@@ -21,13 +21,15 @@ DURATION_TOLERANCE = 0.05
 """Largest relative difference between the durations of repeats (assumed)."""
 N_COMPARED = 400
 """Number of instants that are compared."""
+MAD_TO_DEVIATION = 1.4826
+"""Standard deviation of normal noise over its median absolute deviation."""
 
 
 def group_repeats(files: Sequence[RecognizedFile], resting_lengths: Sequence[float] = ()) -> list[int]:
     """Return the group number of each file, starting at 0, in the order of their first members.
 
-    Files without all inputs form groups of their own, and so do files with different ``resting_lengths``, one for each
-    file if they are known.
+    Files are compared by the inputs that are known of both; a file with another input, or without any, is no repeat.
+    Files with different ``resting_lengths``, one for each file if they are known, are no repeats either.
     """
     noise = {channel: MIN_OUTPUT_TOLERANCE * _compute_span(files, channel) for channel in get_measured_units("bench")}
     specimens = resting_lengths or [0.0] * len(files)
@@ -55,27 +57,46 @@ def _compute_span(files: Sequence[RecognizedFile], channel: str) -> float:
 def _are_repeats(file: RecognizedFile, other: RecognizedFile, noise: Mapping[str, float]) -> bool:
     """Return whether inputs and outputs agree; ``noise`` holds the smallest tolerance of each output."""
     pair = (file, other)
-    if any(name not in each.samples for each in pair for name in ("time", *MIN_TOLERANCES)):
+    known = [{name for name in ("time", *MIN_TOLERANCES) if each.get_output(name) is not None} for each in pair]
+    inputs = known[0] - {"time"}
+    if known[0] != known[1] or not inputs:
         return False
-    durations = [float(np.ptp(each.samples["time"])) for each in pair]
+    durations = [float(np.ptp(_get_times(each))) for each in pair]
     if abs(durations[0] - durations[1]) > DURATION_TOLERANCE * max(durations):
         return False
     times = np.linspace(0.0, min(durations), N_COMPARED)
     outputs = [name for name in noise if all(each.get_output(name) is not None for each in pair)]
-    limits = [(name, RELATIVE_TOLERANCE, MIN_TOLERANCES[name]) for name in MIN_TOLERANCES]
+    limits = [(name, RELATIVE_TOLERANCE, MIN_TOLERANCES[name]) for name in inputs]
     limits += [(name, OUTPUT_TOLERANCE, noise[name]) for name in outputs]
     for name, relative, smallest in limits:
         difference = _sample(file, name, times) - _sample(other, name, times)
         tolerance = max(relative * max(_compute_span([each], name) for each in pair), smallest)
-        if not float(np.sqrt(np.mean(difference**2))) <= tolerance:  # or the time is missing somewhere
+        # A measured input, such as the pressure that stands for the command, differs by its noise as well.
+        variance = sum(_estimate_noise(each, name) ** 2 for each in pair)
+        if not float(np.mean(difference**2)) <= tolerance**2 + variance:  # or the time is missing somewhere
             return False
     return True
 
 
-def _sample(file: RecognizedFile, channel: str, times: Array) -> Array:
-    """Return ``channel`` at ``times`` [s] after the first sample, between samples that are missing, too."""
+def _estimate_noise(file: RecognizedFile, channel: str) -> float:
+    """Return the standard deviation of the noise of ``channel``, by its second differences, which motion hardly has."""
     values = file.get_output(channel)
     assert values is not None
-    own_times = file.samples["time"] - file.samples["time"][0]
+    curvature = np.diff(values[np.isfinite(values)], 2)
+    return MAD_TO_DEVIATION * float(np.median(np.abs(curvature))) / np.sqrt(6.0) if len(curvature) else 0.0
+
+
+def _get_times(file: RecognizedFile) -> Array:
+    """Return the time of each sample after the first [s]; its row [1] where the file has no time."""
+    if "time" not in file.samples:
+        return np.arange(float(max(len(values) for values in (*file.samples.values(), *file.readings.values()))))
+    times: Array = file.samples["time"] - file.samples["time"][0]
+    return times
+
+
+def _sample(file: RecognizedFile, channel: str, times: Array) -> Array:
+    """Return ``channel`` at ``times`` after the first sample, between samples that are missing, too."""
+    values = file.get_output(channel)
+    assert values is not None
     is_present = np.isfinite(values)
-    return np.interp(times, own_times[is_present], values[is_present])
+    return np.interp(times, _get_times(file)[is_present], values[is_present])
