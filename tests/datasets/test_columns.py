@@ -242,3 +242,26 @@ def test_command_names_the_expression_that_is_wrong(tmp_path: Path) -> None:
     result = run("diagnose", str(tmp_path))
     assert result.returncode == 2
     assert "[columns] pressure_command = '(AIN3 - 0.5) * 2.5 bar', position 20" in " ".join(result.stderr.split())
+
+
+def test_each_file_has_the_time_whose_column_it_has(tmp_path: Path) -> None:
+    times = 'time = ["t [ms]", "`Time (s)`"]\n'
+    text = "[columns]\n" + CHANNELS.replace('time = "t [ms]"\n', times) + 'pressure = "100 * p [kPa]"\n'
+    trial = '[[trial]]\nfiles = ["a.csv", "c.csv"]\n'
+    write(tmp_path / "c.csv", {"Time (s)": 0.02 * COUNTS, "p": 3 + 0 * COUNTS})
+    loaded = load(tmp_path, text + trial).trials[0]
+    assert loaded.prescribed["length"].time == pytest.approx(0.01 * COUNTS)
+    assert loaded.measured["pressure"].time == pytest.approx(0.02 * COUNTS)
+    write(tmp_path / "c.csv", {"zeit [s]": 0.02 * COUNTS, "p": 3 + 0 * COUNTS})
+    assert (
+        "c.csv has no time: it has not the columns of 't [ms]' or '`Time (s)`'; its columns are 'zeit [s]', 'p'; state "
+        'the time of each kind of file in a list: time = ["t [ms]", "`Time (s)`", "`zeit [s]`"]'
+    ) in load_error(tmp_path, text + trial)
+    assert "there is no column 't'; the columns are 'zeit [s]', 'p'; state the time of each" in load_error(
+        tmp_path, text.replace(times, 'time = "t [ms]"\n') + trial
+    )
+    write(tmp_path / "c.csv", {"Time (s)": 0.02 * COUNTS, "p": 3 + 0 * COUNTS})
+    assert 'time = ["t [ms]", "`Time (s)`"]' in load_error(tmp_path, text.replace(times, 'time = "t [ms]"\n') + trial)
+    assert "[columns] length is a list; only 'time' may be one" in load_error(
+        tmp_path, text.replace('"stroke"', '["stroke", "pos [mm]"]') + trial
+    )

@@ -80,8 +80,14 @@ def _shorten(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def _make_tuple(value: Any) -> Any:
+    """Return one text as a tuple, and a list as one."""
+    return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
+
+
 HeadingRow = Annotated[int, Field(ge=1, le=100_000)]
 Name = Annotated[str, BeforeValidator(_validate_name)]
+Expressions = Annotated[tuple[Name, ...], Field(min_length=1), BeforeValidator(_make_tuple)]
 
 
 class _Section(BaseModel):
@@ -122,8 +128,8 @@ class TrialEntry(_Section):
     """``section.key`` -> value in the key's unit, where the device of this trial (on a mechanism: each) differs."""
     heading_row: HeadingRow | None = None
     """Line of the heading in the text files of this trial."""
-    columns: dict[str, Name] = {}
-    """Channel or time -> expression over the columns of the files; replaces that of the dataset."""
+    columns: dict[str, Expressions] = {}
+    """Channel or time -> expression over the columns of the files, or a list of them; replaces that of the dataset."""
     specimen: Name | None = None
     """Specimen that was tested; by default all trials are of one specimen."""
     noise: dict[str, Name] = {}
@@ -153,8 +159,8 @@ class DatasetFile(_Section):
     """``section.key`` -> standard deviation, a number in the key's unit or a percentage."""
     heading_row: HeadingRow | None = None
     """Line of the heading in all text files; by default it is searched for."""
-    columns: dict[str, Name] = {}
-    """Channel or time -> expression over the columns of the files."""
+    columns: dict[str, Expressions] = {}
+    """Channel -> expression over the columns of the files; time -> one, or a list with one for each kind of file."""
     noise: dict[str, Name] = {}
     """Prescribed channel that was measured -> standard deviation of its noise in all trials, with a unit."""
     limits: dict[str, Name] = {}

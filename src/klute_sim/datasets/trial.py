@@ -131,7 +131,7 @@ def read_trial(
         expressions = mapping.select(is_first=not tables)
         file = table.read_trial_file(path, channels.get_column_units(rig), expressions, mapping.heading_row)
         tables.append(file)
-        time = _extract_time(file)
+        time = _extract_time(file, mapping, has_other_clocks=len(files) > 1)
         for name, samples in file.columns.items():
             if name == TIME_COLUMN:
                 continue
@@ -176,10 +176,11 @@ def _make_zero_column(column: _Column) -> _Column:
     return column._replace(series=column.series._replace(value=np.zeros(len(column.series.time))))
 
 
-def _extract_time(file: Table) -> Array:
+def _extract_time(file: Table, mapping: ColumnMapping, *, has_other_clocks: bool) -> Array:
     if TIME_COLUMN not in file.columns:
         if TIME_COLUMN in file.missing:
-            raise InputError(f"trial file {file.source} has no time: {file.missing[TIME_COLUMN]}")
+            advice = mapping.suggest_time(file.available, has_other_clocks=has_other_clocks)
+            raise InputError(f"trial file {file.source} has no time: {file.missing[TIME_COLUMN]}{advice}")
         raise InputError(
             f"trial file {file.source} has no column 'time [s]'; its columns are {format_columns(file.available)}; "
             "rename the column, or name it in [columns]"

@@ -182,8 +182,8 @@ def test_heading_row_selects_the_heading(tmp_path: Path) -> None:
 
 def test_heading_is_found_by_the_columns_of_expressions(tmp_path: Path) -> None:
     expressions = {
-        "time": parse_expression("X [s]", "s", "", ""),
-        "force": parse_expression("2 * `Y, raw` [N]", "N", "", ""),
+        "time": [parse_expression("X [s]", "s", "", "")],
+        "force": [parse_expression("2 * `Y, raw` [N]", "N", "", "")],
     }
     (tmp_path / "a.csv").write_text('a;b\nX;100\nX;"Y, raw"\n1;2\n3;4\n')
     assert table.read_trial_file(tmp_path / "a.csv", BENCH, expressions).columns["force"].tolist() == [4, 8]

@@ -159,7 +159,7 @@ def format_column(heading: str) -> str:
 
 def _read_samples(path: Path, choices: Mapping[str, ColumnChoice]) -> Mapping[str, Array]:
     expressions = {
-        channel: parse_expression(choice.expression, _SI_UNITS[channel], f"[columns] {channel}", f"trial file {path}")
+        channel: [parse_expression(choice.expression, _SI_UNITS[channel], f"[columns] {channel}", f"trial file {path}")]
         for channel, choice in choices.items()
         if choice.expression is not None
     }

@@ -1,13 +1,14 @@
 """Which columns of a trial file hold which channel: by their headings, or by the expressions of ``[columns]``."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from klute_sim.datasets import unit_conversion
+from klute_sim.datasets.channels import TIME_COLUMN
 from klute_sim.datasets.trial_files.expressions import ROW, Expression
 from klute_sim.datasets.trial_files.sources import ColumnSource
 from klute_sim.errors import InputError, suggest
@@ -67,28 +68,30 @@ class Assignments:
 
 
 def assign_columns(
-    file: ColumnSource, column_units: Mapping[str, str], expressions: Mapping[str, Expression], source: str
+    file: ColumnSource, column_units: Mapping[str, str], expressions: Mapping[str, Sequence[Expression]], source: str
 ) -> Assignments:
     """Return the columns of each channel in ``column_units`` (name -> SI unit) that ``file`` has.
 
-    An expression applies to a file that has all of its columns. Raises InputError for a column that has no unit or one
-    of another dimension, and for a channel or a name of a column that occurs twice.
+    The first expression of a channel applies whose columns the file has, all of them. Raises InputError for a column
+    that has no unit or one of another dimension, and for a channel or a name of a column that occurs twice.
     """
     by_channel: dict[str, Assignment] = {}
     missing: dict[str, str] = {}
     remarks = [*file.remarks]
-    for channel, expression in expressions.items():
-        indices, reason = _find_columns(expression, file, source)
-        if reason:
-            missing[channel] = reason
+    for channel, alternatives in expressions.items():
+        found = [(expression, *_find_columns(expression, file, source)) for expression in alternatives]
+        applicable = next(((expression, indices) for expression, indices, reason in found if not reason), None)
+        if applicable is None:
+            missing[channel] = _describe_missing([reason for _, _, reason in found], alternatives, file)
             continue
+        expression, indices = applicable
         unit, factor, remark = _determine_unit(expression, file, indices, column_units[channel], source)
         by_channel[channel] = Assignment(expression.text, indices, unit, factor, expression)
         remarks += [remark] if remark else []
     used = {index for assignment in by_channel.values() for index in assignment.indices.values()}
     ignored: list[str] = []
     for index, heading in enumerate(file.headings if file.has_units else ()):
-        name = None if index in used else _match_channel(heading, column_units, by_channel, source)
+        name = None if index in used else _match_channel(heading, column_units, by_channel, missing, source)
         if name is None:
             ignored += [] if index in used else [heading]
             continue
@@ -102,14 +105,31 @@ def assign_columns(
     return Assignments(by_channel, missing, tuple(ignored), tuple(remarks))
 
 
-def is_known_heading(heading: str, column_units: Mapping[str, str], expressions: Mapping[str, Expression]) -> bool:
+def _describe_missing(reasons: Sequence[str], alternatives: Sequence[Expression], file: ColumnSource) -> str:
+    """Return why none of the ``alternatives`` applies to ``file``; ``reasons`` hold that of each."""
+    if len(reasons) == 1:
+        return reasons[0]
+    texts = " or ".join(f"'{expression.text}'" for expression in alternatives)
+    return f"it has not the columns of {texts}; its columns are {format_columns(file.headings) or 'none'}"
+
+
+def is_known_heading(
+    heading: str, column_units: Mapping[str, str], expressions: Mapping[str, Sequence[Expression]]
+) -> bool:
     """Return whether ``heading`` is that of a column in ``column_units`` or in an expression, with or without unit."""
     names = {heading.casefold(), _split_heading(heading)[0].casefold()}
     return not names.isdisjoint(column_units) or any(
         not names.isdisjoint((column.casefold(), _split_heading(column)[0].casefold()))
-        for expression in expressions.values()
+        for alternatives in expressions.values()
+        for expression in alternatives
         for column in expression.columns
     )
+
+
+def states_unit(heading: str, si_unit: str) -> bool:
+    """Return whether ``heading`` states a unit of the kind of ``si_unit``."""
+    unit = _split_heading(heading)[1]
+    return unit is not None and unit_conversion.get_si_factor(unit, si_unit) is not None
 
 
 def format_columns(headings: Sequence[str]) -> str:
@@ -190,7 +210,11 @@ def _determine_unit(
 
 
 def _match_channel(
-    heading: str, column_units: Mapping[str, str], assigned: Mapping[str, Assignment], source: str
+    heading: str,
+    column_units: Mapping[str, str],
+    assigned: Mapping[str, Assignment],
+    missing: Collection[str],
+    source: str,
 ) -> str | None:
     """Return the channel that ``heading`` names, ignoring case; None for other columns and for mapped channels."""
     match = _HEADING.fullmatch(heading) or _HEADING_WITHOUT_UNIT.fullmatch(heading)
@@ -198,6 +222,8 @@ def _match_channel(
     is_mapped = name in assigned and assigned[name].expression is not None
     if match is None or name not in column_units or is_mapped:
         return None
+    if match.re is _HEADING_WITHOUT_UNIT and name == TIME_COLUMN and name in missing:
+        return None  # the time of another file is stated, and that of this one can be as well
     if match.re is _HEADING_WITHOUT_UNIT:
         example = unit_conversion.EXAMPLE_UNITS[column_units[name]].split(",")[0]
         raise InputError(

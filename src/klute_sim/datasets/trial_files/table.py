@@ -1,7 +1,7 @@
 """One trial file: the channels in its columns, converted to SI."""
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -46,20 +46,21 @@ class Table:
 def read_trial_file(
     path: Path,
     column_units: Mapping[str, str],
-    expressions: Mapping[str, Expression] = MappingProxyType({}),
+    expressions: Mapping[str, Sequence[Expression]] = MappingProxyType({}),
     heading_row: int | None = None,
 ) -> Table:
     """Read the columns in ``column_units`` (name -> SI unit) that the file at ``path`` has.
 
-    ``expressions`` (name -> expression) say how columns follow from those of the file; other columns have headings
-    ``name [unit]``. ``heading_row`` is the line of the heading of a text; by default it is searched for.
+    ``expressions`` (name -> expressions, of which the first applies whose columns the file has) say how columns follow
+    from those of the file; other columns have headings ``name [unit]``. ``heading_row`` is the line of the heading of a
+    text; by default it is searched for.
 
     Raises InputError for a file that cannot be read, and for a requested column that has no unit or one of another
     dimension, occurs twice, or has cells that are neither finite numbers nor empty.
     """
     source = str(path)
     content = _read_content(path)
-    names = {name for expression in expressions.values() for name in expression.columns}
+    names = {name for alternatives in expressions.values() for each in alternatives for name in each.columns}
     file = open_source(
         content, path, heading_row, lambda heading: is_known_heading(heading, column_units, expressions), names
     )
