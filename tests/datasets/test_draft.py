@@ -47,6 +47,7 @@ def write(path: Path, headings: Sequence[str], columns: Sequence[np.ndarray]) ->
         ("X_Value", "time", ""),
         ("Verkürzung [mm]", "length", "mm"),
         ("Solldruck [bar]", "pressure_command", "bar"),
+        ("run.pset", "pressure_command", ""),
     ],
 )
 def test_words_and_units_name_a_channel(heading: str, channel: str, unit: str) -> None:

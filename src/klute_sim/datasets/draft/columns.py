@@ -42,6 +42,12 @@ class ColumnChoice:
     """Whether the file states no unit."""
     remark: str = ""
     """What the user has to check; '' where nothing is assumed."""
+    other_expressions: tuple[str, ...] = ()
+    """Expressions of the time for the other files of the trial."""
+
+    def list_expressions(self) -> list[str]:
+        """Return all expressions for ``[columns]``; none where headings name the channel and its unit."""
+        return [*([self.expression] if self.expression else []), *self.other_expressions]
 
 
 @dataclass(frozen=True)
@@ -75,13 +81,16 @@ class RecognizedFile:
     unused: tuple[str, ...]
     """Headings of columns of which no channel is known."""
     samples: Mapping[str, Array]
-    """Channel or time -> samples [SI]; a displacement in per cent is a ratio until its resting length is known."""
+    """Channel or time -> samples [SI], all at the times of this file; a displacement in per cent is a ratio until its
+    resting length is known."""
     displacement: Displacement | None = None
     """Displacement that the length follows from; None where the file holds the length itself."""
     raw_choices: Mapping[str, ColumnChoice] = field(default_factory=dict)
     """Channel of which the file has only a raw reading -> an expression whose calibration the user has to state."""
     readings: Mapping[str, Array] = field(default_factory=dict)
     """The same channels -> numbers of that column."""
+    companions: tuple[Path, ...] = ()
+    """Other files of the same trial, whose channels are among those above."""
 
     def get_output(self, channel: str) -> Array | None:
         """Return the samples of ``channel`` [SI], or its raw reading; None where the file has neither."""

@@ -10,6 +10,7 @@ from pathlib import Path
 from klute_sim.datasets.channels import get_measured_units, get_prescribed_units
 from klute_sim.datasets.dataset import DATASET_FILE_NAME
 from klute_sim.datasets.draft.columns import ColumnChoice, RecognizedFile, format_column, recognize_file
+from klute_sim.datasets.draft.joining import join_files
 from klute_sim.datasets.draft.lengths import interpret_lengths
 from klute_sim.datasets.draft.repeats import group_repeats
 from klute_sim.datasets.draft.specimens import RestingLength, find_resting_lengths, question_specimens
@@ -73,8 +74,6 @@ def write_dataset_draft(
     if path.exists():
         raise InputError(f"{path} exists already; remove it to write a draft, or leave out --draft")
     files, remarks = _recognize_files(folder)
-    units = assume_units(files)
-    files = [recognize_file(file.path, units) for file in files] if units else files
     resting = _get_resting_length(device)
     files = interpret_lengths(files, resting.unit)
     files, noise = _replace_missing_command(files)
@@ -85,7 +84,8 @@ def write_dataset_draft(
     raw = _find_shared_choices([file.raw_choices for file in files])
     shared_raw = {channel: choice for channel, choice in raw.items() if channel not in shared}
     missing = _list_missing(files, needs_command=device.spec.supply is not None)
-    n_files = f"{len(files)} {'file' if len(files) == 1 else 'files'}"
+    n_read = sum(1 + len(file.companions) for file in files)
+    n_files = f"{n_read} {'file' if n_read == 1 else 'files'}"
     lines = [
         f"# Draft from the headings and samples of {n_files}. Check every line, and correct what is wrong.",
         f'format = "{FORMAT_NAME}"',
@@ -96,20 +96,26 @@ def write_dataset_draft(
         "# anything. Delete those that you know, and add others.",
         "[uncertain]",
         *(f'"{key}" = "{deviation}"' for key, deviation in uncertain.items()),
-        *_format_columns("[columns]", shared, shared_raw, missing),
+        *_format_columns("[columns]", shared, shared_raw, [c for c in missing if not _is_known(c, files)]),
         *noise,
         *(["", *_format_comment(f"to do: {question.remark}")] if question else []),
     ]
     for index, (file, group) in enumerate(zip(files, _name_groups(files, groups), strict=True)):
-        lines += ["", "[[trial]]", f"files = [{json.dumps(file.path.name)}]"]
+        lines += ["", "[[trial]]", f"files = {json.dumps(_list_names(file))}"]
         lines += [f"group = {json.dumps(group)}"] if group else []
         lines += question.format_name(index) if question else []
         own = {channel: choice for channel, choice in file.choices.items() if shared.get(channel) != choice}
         own_raw = {name: choice for name, choice in file.raw_choices.items() if shared_raw.get(name) != choice}
-        columns = _format_columns("[trial.columns]", own, own_raw, {})
+        lacking = [c for c in missing if _is_known(c, files) and not _is_known(c, [file])]
+        columns = _format_columns("[trial.columns]", own, own_raw, lacking)
         lines += [*columns, *(question.format_tables(index, file, has_columns=bool(columns)) if question else [])]
     remarks += [f"to do: {question.remark}"] if question else []
-    remarks += [*_describe_choices(files), *missing.values(), *_describe_repeats(files, groups, missing)]
+    remarks += [
+        *_describe_joined(files),
+        *_describe_choices(files),
+        *missing.values(),
+        *_describe_repeats(files, groups, missing),
+    ]
     text = "\n".join(lines) + "\n"
     try:
         write_atomically(path, text)
@@ -126,7 +132,7 @@ def _get_resting_length(device: Device) -> RestingLength:
 
 
 def _recognize_files(folder: Path) -> tuple[list[RecognizedFile], list[str]]:
-    """Return the files of ``folder`` that hold channels of the bench, and a remark for each other file."""
+    """Return the trials in ``folder`` that hold channels of the bench, and a remark for each other file."""
     try:
         paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in TRIAL_SUFFIXES and path.is_file())
     except OSError as error:
@@ -134,20 +140,22 @@ def _recognize_files(folder: Path) -> tuple[list[RecognizedFile], list[str]]:
     endings = ", ".join(TRIAL_SUFFIXES)
     if not paths:
         raise InputError(f"the folder {folder} contains no recording; allowed are files that end in {endings}")
-    files, left_out = [], []
+    recognized, files, left_out = [], [], []
     for path in paths:
         try:
-            file = recognize_file(path)
+            recognized.append(recognize_file(path))
         except InputError as error:
             left_out.append(str(error))
-            continue
+    units = assume_units([file for file in recognized if len(file.samples) > 1])  # others hold no channel
+    recognized = [recognize_file(file.path, units) for file in recognized] if units else recognized
+    for file in join_files(recognized):
         outputs = [file.get_output(channel) for channel in get_measured_units("bench")]
         if any(output is not None and len(output) >= MIN_SAMPLES for output in outputs):
             files.append(file)
         else:
             columns = format_columns(file.unused) or "none"
             left_out.append(
-                f"trial file {path}: no column with {MIN_SAMPLES} samples was recognized as force, pressure or "
+                f"trial file {file.path}: no column with {MIN_SAMPLES} samples was recognized as force, pressure or "
                 f"muscle length; its other columns are {columns}"
             )
     if any("time" in file.choices for file in files):
@@ -194,25 +202,31 @@ def _list_missing(files: Sequence[RecognizedFile], *, needs_command: bool) -> di
     for channel in ("time", *get_prescribed_units("bench")):
         if channel == _COMMAND and not needs_command:
             continue
-        lacking = [file for file in files if channel not in {*file.choices, *file.raw_choices}]
+        lacking = [file for file in files if not _is_known(channel, [file])]
         if lacking:
+            table = "[trial.columns]" if _is_known(channel, files) else "[columns]"
             others = f" and {len(lacking) - 1} more files" if len(lacking) > 1 else ""
             columns = format_columns(lacking[0].unused)
             missing[channel] = (
                 f"to do: no column of {lacking[0].path.name}{others} was recognized as {channel}; state it under "
-                f'[columns], for example {channel} = "{_EXAMPLES[channel]}"'
+                f'{table}, for example {channel} = "{_EXAMPLES[channel]}"'
                 + (f"; columns that are not used: {columns}" if columns else "")
             )
     return missing
 
 
+def _is_known(channel: str, files: Sequence[RecognizedFile]) -> bool:
+    """Return whether any of ``files`` has ``channel`` or its raw reading."""
+    return any(channel in file.choices or channel in file.raw_choices for file in files)
+
+
 def _format_columns(
-    table: str, choices: Mapping[str, ColumnChoice], raw: Mapping[str, ColumnChoice], missing: Mapping[str, str]
+    table: str, choices: Mapping[str, ColumnChoice], raw: Mapping[str, ColumnChoice], missing: Sequence[str]
 ) -> list[str]:
     """Return the lines of ``[columns]`` or ``[trial.columns]``; ``raw`` and ``missing`` channels become comments."""
     lines = []
     for channel, choice in choices.items():
-        if choice.expression is not None:
+        if choice.list_expressions():
             lines += _format_comment(f"{channel}: {choice.remark}; check this") if choice.remark else []
             lines.append(_format_assignment(channel, choice))
     for channel, choice in raw.items():
@@ -234,7 +248,8 @@ def _format_comment(text: str) -> list[str]:
 
 
 def _format_assignment(channel: str, choice: ColumnChoice) -> str:
-    return f"{channel} = {json.dumps(choice.expression, ensure_ascii=False)}"
+    expressions = choice.list_expressions()
+    return f"{channel} = {json.dumps(expressions if len(expressions) > 1 else expressions[0], ensure_ascii=False)}"
 
 
 def _name_groups(files: Sequence[RecognizedFile], groups: Sequence[int]) -> list[str]:
@@ -255,13 +270,29 @@ def _find_common_beginning(texts: Sequence[str]) -> str:
     return min(texts, key=len)[:n_common]
 
 
+def _list_names(file: RecognizedFile) -> list[str]:
+    """Return the names of the files of a trial."""
+    return [path.name for path in (file.path, *file.companions)]
+
+
+def _describe_joined(files: Sequence[RecognizedFile]) -> list[str]:
+    joined = [file for file in files if file.companions]
+    if not joined:
+        return []
+    others = f", and {len(joined) - 1} more trials" if len(joined) > 1 else ""
+    names = " and ".join(_list_names(joined[0]))
+    return [
+        f"check the files: by their names, {names} are files of one trial{others}; all of them count from one instant"
+    ]
+
+
 def _describe_choices(files: Sequence[RecognizedFile]) -> list[str]:
     """Return a remark for each choice that assumes something, and for the columns that are not used."""
     remarks = []
     for file in files:
         for channel, choice in file.choices.items():
             if choice.remark:
-                remarks.append(f'check {channel} = "{choice.expression}": {choice.remark}')
+                remarks.append(f"check {_format_assignment(channel, choice)}: {choice.remark}")
         for channel, choice in file.raw_choices.items():
             remarks.append(f'to do: {channel} = "{choice.expression}": {choice.remark}')
     unused = dict.fromkeys(heading for file in files for heading in file.unused)

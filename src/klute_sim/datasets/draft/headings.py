@@ -48,7 +48,21 @@ _LENGTH = (
     | _LENGTHENING
 )
 _COMMAND = frozenset(
-    ("command", "commanded", "cmd", "set", "setpoint", "sp", "desired", "des", "target", "reference", "ref", "demand")
+    (
+        "command",
+        "commanded",
+        "cmd",
+        "set",
+        "pset",
+        "setpoint",
+        "sp",
+        "desired",
+        "des",
+        "target",
+        "reference",
+        "ref",
+        "demand",
+    )
 ) | frozenset(("soll", "sollwert", "solldruck", "consigne"))
 _MUSCLE = frozenset(("muscle", "pam", "mckibben"))
 _PROCESSED = frozenset(
