@@ -48,6 +48,16 @@ def test_insufficient_data_are_reported_with_the_fix() -> None:
     )  # constant pressure, constant length, no repeats
 
 
+def test_moving_trials_that_are_not_fitted_are_named() -> None:
+    force = np.random.default_rng(0).normal(size=200)
+    fitted = [make_experiment(name, force, moving=False) for name in ("a", "b")]
+    moving = [replace(make_experiment("ramp", force), use="test")]
+    sentence = data_quality.find_limitations(fitted, moving)[0]
+    assert "changes by at most 0.00 mm within a fitted trial" in sentence
+    assert sentence.endswith("Not fitted, but moving: 'ramp'. Set use = 'fit' for some of them.")
+    assert data_quality.find_limitations(fitted, fitted)[0].endswith("hardly visible.")
+
+
 def test_dead_and_saturated_channels_are_detected() -> None:
     rng = np.random.default_rng(0)
     dead = [make_experiment(n, np.full(200, 7.0)) for n in "ab"]

@@ -54,6 +54,15 @@ def test_misfit_of_test_trials_demotes_a_verdict_that_denies_it(
     record_test_misfit(diagnosis, {"force": Misfit(6.0, 20.0, 3.0)}, is_absorbed=False)
     assert diagnosis.verdict == expected
     assert "'force' in the test trials show a misfit of 2.00 times the noise" in diagnosis.reasons[0]
+    assert "which the other trials do not show" in diagnosis.reasons[0]
+
+
+def test_misfit_that_validation_trials_show_too_is_not_that_of_the_test_alone(dataset: datasets.Dataset) -> None:
+    diagnosis = make_diagnosis(dataset, "nothing-missing")
+    misfit, other = Misfit(6.0, 20.0, 3.0), Misfit(4.5, 20.0, 3.0)
+    record_test_misfit(diagnosis, {"force": misfit}, {"force": other}, is_absorbed=False)
+    assert "those for validation 1.50 times, which the fitted trials do not show" in diagnosis.reasons[0]
+    assert "other trials" not in diagnosis.reasons[0]
 
 
 @pytest.mark.parametrize("verdict", ["nothing-missing", "identified"])
@@ -165,6 +174,26 @@ def diagnose_few_candidates(folder: Path) -> Diagnosis:
     return diagnose(datasets.load_dataset(folder), DiagnosisOptions(only=("braid_hysteresis", "threshold_pressure")))
 
 
+def test_validation_trials_with_the_fault_of_the_test_trials_are_found(tmp_path: Path) -> None:
+    groups = ("fit_1", "fit_2", "validation_1", "test_1")
+    folder = write_dataset(tmp_path / "d", groups=groups, seconds=2.0)
+    for path in [*folder.glob("test_1*.csv"), *folder.glob("validation_1*.csv")]:
+        change_force(path)
+    diagnosis = diagnose_few_candidates(folder)
+    assert diagnosis.verdict == "unexplained"
+    assert "those for validation" in diagnosis.reasons[0]
+
+
+def change_force(path: Path) -> None:
+    """Give the force in the file at ``path`` another gain and offset."""
+    heading, *rows = path.read_text("utf-8").splitlines()
+    column = heading.split(",").index("force [N]")
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        row[column] = repr(1.1 * float(row[column]) + 20.0)
+    path.write_text("\n".join([heading, *map(",".join, cells)]), "utf-8")
+
+
 def write_constant_pressure(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Write fitted trials at one pressure, which tell the sum of friction slope and offset only, and test trials."""
 
@@ -199,12 +228,7 @@ def test_numbers_that_the_fitted_trials_do_not_determine_are_no_missing_effect(
 def test_fault_that_only_the_test_trials_have_is_not_absorbed(tmp_path: Path) -> None:
     folder = write_dataset(tmp_path / "d", groups=("fit_1", "fit_2", "test_1"), seconds=2.0)
     for path in folder.glob("test_1*.csv"):
-        heading, *rows = path.read_text("utf-8").splitlines()
-        column = heading.split(",").index("force [N]")
-        cells = [row.split(",") for row in rows]
-        for row in cells:
-            row[column] = repr(1.1 * float(row[column]) + 20.0)
-        path.write_text("\n".join([heading, *map(",".join, cells)]), "utf-8")
+        change_force(path)
     diagnosis = diagnose_few_candidates(folder)
     assert diagnosis.verdict == "unexplained"
     assert "which the other trials do not show" in diagnosis.reasons[0]

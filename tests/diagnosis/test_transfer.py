@@ -133,6 +133,23 @@ def test_diverging_prediction_is_a_warning() -> None:
 
 
 @pytest.mark.parametrize(
+    ("nominal", "refitted", "with_effects", "best"),
+    [
+        (9.0, 5.0, 4.0, "best: with-effects"),
+        (9.0, 5.0, 5.0, "best: refitted"),
+        (5.0, 5.01, 5.01, "none is better"),
+        (2.0, 5.0, 5.0, "best: as-declared"),
+        (9.0, 5.0, 6.0, "best: without-effects"),
+    ],
+)
+def test_title_mentions_no_effects_that_change_nothing(
+    nominal: float, refitted: float, with_effects: float, best: str
+) -> None:
+    channels = {"force": ChannelPrediction(nominal, refitted, with_effects, 100.0)}
+    assert TransferPrediction("other", channels).best == best
+
+
+@pytest.mark.parametrize(
     ("nominal", "refitted", "with_effects", "recommended", "match"),
     [
         (9.0, 5.0, 5.0001, "with-effects", None),

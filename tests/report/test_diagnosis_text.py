@@ -76,6 +76,17 @@ def test_what_a_tolerance_permits_may_be_missing(diagnosis: Diagnosis) -> None:
     assert unsearched.nothing_missing < 0.2  # the misfit is several times the noise
 
 
+def test_motion_that_no_fitted_trial_has_is_asked_for(diagnosis: Diagnosis) -> None:
+    unexplained = replace(diagnosis, verdict="unexplained", added_terms=(), final_fit=diagnosis.base_fit)
+    assert words.describe_verdict(unexplained).endswith("no candidate effect explains the deviation.")
+    still = [replace(e, unit_length=np.full(len(e.command), 0.34)) for e in diagnosis.fitted_experiments]
+    sentence = words.describe_verdict(replace(unexplained, fitted_experiments=still))
+    assert "no fitted trial moves, so effects of motion cannot be found" in sentence
+    assert "no candidate effect" in words.describe_verdict(
+        replace(unexplained, fitted_experiments=still, experiments=still)
+    )
+
+
 def test_weights_of_coarse_inputs_are_mentioned(diagnosis: Diagnosis) -> None:
     assert words.describe_weights(diagnosis) == ""
     coarse = [

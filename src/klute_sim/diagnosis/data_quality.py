@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.datasets.dataset import Dataset
+from klute_sim.datasets.dataset import MAX_LISTED_TRIALS, Dataset
 from klute_sim.datasets.trial import MIN_SAMPLES
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -88,7 +88,7 @@ def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simu
     return UsableData(
         usable,
         fit_experiments,
-        [*remarks, *find_limitations(fit_experiments)],
+        [*remarks, *find_limitations(fit_experiments, [e for e in usable if e.use != "fit" and e.measured])],
         [*problems, *find_blocking_problems(fit_experiments, judges_supply=is_supply_only(experiments))],
     )
 
@@ -204,8 +204,13 @@ def find_contradicted_channels(
     return contradicted, problems
 
 
-def find_limitations(experiments: Sequence[Experiment]) -> list[str]:
-    """Return sentences about effects that ``experiments`` cannot show."""
+def find_moving_trials(experiments: Sequence[Experiment]) -> list[str]:
+    """Return the names of the trials in which the length changes enough to show effects of motion."""
+    return [e.name for e in experiments if e.length_range >= MIN_LENGTH_RANGE]
+
+
+def find_limitations(experiments: Sequence[Experiment], others: Sequence[Experiment] = ()) -> list[str]:
+    """Return sentences about effects that ``experiments``, which are fitted, cannot show beside the ``others``."""
     pressure_range = _compute_pressure_range(experiments)
     length_range = max(e.length_range for e in experiments)
     limitations = []
@@ -216,14 +221,14 @@ def find_limitations(experiments: Sequence[Experiment]) -> list[str]:
         )
     if length_range < MIN_LENGTH_RANGE:
         limitations.append(
-            f"The length changes by at most {1e3 * length_range:.2f} mm within a trial: effects that depend on speed "
-            "are hardly visible."
+            f"The length changes by at most {1e3 * length_range:.2f} mm within a fitted trial: effects that depend on "
+            f"speed are hardly visible.{_describe_moving_trials(others)}"
         )
     has_supply = any(e.device.spec.supply is not None for e in experiments)
     if has_supply and pressure_range < MIN_PRESSURE_RANGE:
         limitations.append(
-            f"The pressure changes by at most {pressure_range / 1e5:.2f} bar within a trial: effects of the supply are "
-            "hardly visible."
+            f"The pressure changes by at most {pressure_range / 1e5:.2f} bar within a fitted trial: effects of the "
+            "supply are hardly visible."
         )
     if not has_repeats(experiments):
         limitations.append(
@@ -232,6 +237,14 @@ def find_limitations(experiments: Sequence[Experiment]) -> list[str]:
             "group."
         )
     return limitations
+
+
+def _describe_moving_trials(experiments: Sequence[Experiment]) -> str:
+    names = [repr(name) for name in find_moving_trials(experiments)]
+    if not names:
+        return ""
+    listed = ", ".join(names[:MAX_LISTED_TRIALS]) + (", ..." if len(names) > MAX_LISTED_TRIALS else "")
+    return f" Not fitted, but moving: {listed}. Set use = 'fit' for some of them."
 
 
 def find_faulty_channels(experiments: Sequence[Experiment]) -> tuple[dict[str, str], list[str]]:

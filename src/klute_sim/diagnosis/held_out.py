@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -48,7 +49,10 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
         misfits = _select_unseen(diagnosis, estimate_misfit(evaluated.experiments, residuals, data.noise))
         if misfits and diagnosis.verdict in DEMOTED_VERDICTS:
             record_test_misfit(
-                diagnosis, misfits, is_absorbed=can_numbers_absorb(diagnosis, data, evaluated.experiments)
+                diagnosis,
+                misfits,
+                estimate_validation_misfits(diagnosis, data),
+                is_absorbed=can_numbers_absorb(diagnosis, data, evaluated.experiments),
             )
         if diagnosis.added_terms:
             record_confirmation(diagnosis)
@@ -110,8 +114,35 @@ def can_numbers_absorb(diagnosis: Diagnosis, data: WeightedData, test_experiment
     return not any(is_significant(misfit) for part in misfits for misfit in part.values())
 
 
-def record_test_misfit(diagnosis: Diagnosis, misfits: Mapping[str, Misfit], *, is_absorbed: bool) -> None:
-    """Demote a verdict that denies the ``misfits`` of the test trials, unless the numbers absorb them."""
+def estimate_validation_misfits(diagnosis: Diagnosis, data: WeightedData) -> dict[str, Misfit]:
+    """Return the misfits of the validation trials that are too large for a model which explains the fitted trials.
+
+    Trials in which the simulation diverges are left out. ``data`` hold the fitted trials.
+    """
+    assert diagnosis.final_fit is not None
+    experiments = [e for e in diagnosis.experiments if e.use == "validation" and e.measured]
+    fit = diagnosis.final_fit
+    residuals = data.with_experiments(experiments).compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)[0]
+    rows = [
+        (e, row)
+        for e, row in zip(experiments, residuals, strict=True)
+        if all(np.isfinite(values).all() for values in row.values())
+    ]
+    misfits = estimate_misfit([e for e, _ in rows], [row for _, row in rows], data.noise) if rows else {}
+    return _select_unseen(diagnosis, misfits)
+
+
+def record_test_misfit(
+    diagnosis: Diagnosis,
+    misfits: Mapping[str, Misfit],
+    validation_misfits: Mapping[str, Misfit] = MappingProxyType({}),
+    *,
+    is_absorbed: bool,
+) -> None:
+    """Demote a verdict that denies the ``misfits`` of the test trials, unless the numbers absorb them.
+
+    The sentence says whether the trials for validation show the misfit as well.
+    """
     channel = max(misfits, key=lambda name: misfits[name].rms / misfits[name].noise_rms)
     ratio = misfits[channel].rms / misfits[channel].noise_rms
     observation = f"All repeats of '{channel}' in the test trials show a misfit of {ratio:.2f} times the noise"
@@ -122,11 +153,14 @@ def record_test_misfit(diagnosis: Diagnosis, misfits: Mapping[str, Misfit], *, i
         )
         return
     diagnosis.verdict = DEMOTED_VERDICTS[diagnosis.verdict]
-    diagnosis.reasons.insert(
-        0,
-        f"{observation}, which the other trials do not show: the test trials may cover conditions that no other trial "
-        "covers. Set use = 'fit' for some of them.",
-    )
+    comparison = "which the other trials do not show: the test trials may cover conditions that no other trial covers"
+    if channel in validation_misfits:
+        other = validation_misfits[channel]
+        comparison = (
+            f"those for validation {other.rms / other.noise_rms:.2f} times, which the fitted trials do not show: they "
+            "may not cover these conditions"
+        )
+    diagnosis.reasons.insert(0, f"{observation}, {comparison}. Set use = 'fit' for some of them.")
 
 
 def record_confirmation(diagnosis: Diagnosis) -> None:

@@ -96,13 +96,24 @@ class TransferPrediction:
     @property
     def recommended(self) -> RecommendedDevice:
         """The device that predicts the dataset best; the more complete one where two are equally good."""
+        return _find_best(self._compute_errors())
+
+    @property
+    def best(self) -> str:
+        """Which device predicts the dataset best; effects that change nothing are not mentioned."""
+        errors = self._compute_errors()
+        if (1.0 - MIN_DIFFERENCE) * max(errors.values()) <= min(errors.values()):
+            return "none is better"
+        changes = any(p.with_effects != p.refitted for p in self.channels.values())
+        return f"best: {self.recommended if changes or self.recommended == 'as-declared' else 'refitted'}"
+
+    def _compute_errors(self) -> dict[RecommendedDevice, float]:
+        """Return the error of each device over all channels, relative to their ranges."""
         scales = {channel: p.measured_range or 1.0 for channel, p in self.channels.items()}
-        return _find_best(
-            {
-                device: float(np.linalg.norm([p.by_device[device] / scales[c] for c, p in self.channels.items()]))
-                for device in DEVICE_WORDS
-            }
-        )
+        return {
+            device: float(np.linalg.norm([p.by_device[device] / scales[c] for c, p in self.channels.items()]))
+            for device in DEVICE_WORDS
+        }
 
     @property
     def warnings(self) -> list[str]:

@@ -25,9 +25,7 @@ MAX_POINTS = 3000
 def build_prediction_table(prediction: TransferPrediction) -> Table:
     """Return the errors of prediction of each channel of another dataset, with per cent of the measured range."""
     headings = ("channel", "unit", "range", "nominal", "refitted", "with effects")
-    table = create_table(
-        *headings, title=f"Prediction of '{prediction.dataset_name}' (rms), best: {prediction.recommended}"
-    )
+    table = create_table(*headings, title=f"Prediction of '{prediction.dataset_name}' (rms), {prediction.best}")
     for channel, p in prediction.channels.items():
         unit, si = CHANNEL_UNITS[channel]
         cells = []

@@ -9,6 +9,7 @@ import numpy as np
 from klute_sim import units
 from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.datasets.mechanism_channels import normalize_name
+from klute_sim.diagnosis.data_quality import find_moving_trials
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
 from klute_sim.diagnosis.localization.equation_residuals import EQUATION_UNITS, select_significant_equations
@@ -178,6 +179,12 @@ def _describe_insufficient_data(diagnosis: Diagnosis) -> str:
 
 def _describe_unexplained(diagnosis: Diagnosis) -> str:
     if not diagnosis.added_terms:
+        fitted = diagnosis.fitted_experiments
+        if fitted and not find_moving_trials(fitted) and find_moving_trials(diagnosis.experiments):
+            return (
+                "The simulation deviates from the data, but no fitted trial moves, so effects of motion cannot be "
+                "found: set use = 'fit' for a trial that moves."
+            )
         return "The simulation deviates from the data, and no candidate effect explains the deviation."
     proxies = [format_term(t) for t in diagnosis.added_terms if not t.effect_definition.data_driven]
     substitute = "a data-driven term, which identifies no effect, represents it"
