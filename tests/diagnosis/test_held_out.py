@@ -90,6 +90,16 @@ def test_names_hold_only_if_the_gap_of_test_trials_shrinks(
     assert (diagnosis.held_out, diagnosis.verdict, diagnosis.is_worse_on_test) == (held_out, verdict, is_worse)
 
 
+def test_trials_in_which_the_effects_do_not_act_confirm_none(dataset: datasets.Dataset) -> None:
+    diagnosis = make_diagnosis(dataset, "identified", refitted=12.0, with_effects=3.1)
+    record_confirmation(diagnosis, is_exercised=False)
+    assert (diagnosis.held_out, diagnosis.verdict) == ("not-tested", "identified")
+    assert "Set use = 'test' for a trial that shows them." in diagnosis.reasons[-1]
+    refuted = make_diagnosis(dataset, "identified", refitted=6.0, with_effects=12.0)
+    record_confirmation(refuted, is_exercised=False)
+    assert (refuted.held_out, refuted.verdict) == ("not-confirmed", "unexplained")
+
+
 @pytest.mark.parametrize(
     ("nominal", "refitted", "with_effects", "recommended"),
     [

@@ -10,7 +10,7 @@ from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise import repeats
-from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
+from klute_sim.diagnosis.noise.misfit import MIN_MISFIT_FRACTION, Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import Residuals
 from klute_sim.diagnosis.result import ChannelRms, Diagnosis, Verdict
 from klute_sim.types import Array
@@ -38,11 +38,11 @@ NEGLIGIBLE_GAP = 0.15
 def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
     """Set the residuals of ``diagnosis`` on its test trials, and demote a verdict that they do not confirm.
 
-    An adequate model must take most of the gap beyond noise. A model of an imperfect law must take at least half of the
-    share there that it takes of the trials that were left out. Nothing is missing, and a model is adequate, only if the
-    repeats of test trials share no large misfit, or none once the numbers are fitted to these trials as well. Where the
-    simulation of a test trial diverges, the prediction of this trial failed. ``data`` hold the fitted trials with the
-    noise between repeats.
+    An adequate model must take most of the gap beyond noise, and its effects must act there. A model of an imperfect
+    law must take at least half of the share there that it takes of the trials that were left out. Nothing is missing,
+    and a model is adequate, only if the repeats of test trials share no large misfit, or none once the numbers are
+    fitted to these trials as well. Where the simulation of a test trial diverges, the prediction of this trial failed.
+    ``data`` hold the fitted trials with the noise between repeats.
     """
     evaluated, residuals = _compute_residuals(diagnosis, data)
     if diagnosis.evaluated_on == "test":
@@ -55,7 +55,7 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
                 is_absorbed=can_numbers_absorb(diagnosis, data, evaluated.experiments),
             )
         if diagnosis.added_terms:
-            record_confirmation(diagnosis)
+            record_confirmation(diagnosis, is_exercised=exercises_effects(diagnosis, evaluated, residuals))
         if NOMINAL_MODEL not in diagnosis.diverged_trials:
             record_declared_advantage(diagnosis)
     record_divergence(diagnosis)
@@ -163,8 +163,31 @@ def record_test_misfit(
     diagnosis.reasons.insert(0, f"{observation}, {comparison}. Set use = 'fit' for some of them.")
 
 
-def record_confirmation(diagnosis: Diagnosis) -> None:
-    """Set whether the test trials confirm the added effects, and demote a verdict that they do not confirm."""
+def exercises_effects(diagnosis: Diagnosis, evaluated: WeightedData, residuals: Residuals) -> bool:
+    """Return whether the added effects change a channel of the ``evaluated`` trials by more than noise hides.
+
+    ``residuals`` are those of the final fit. A channel whose noise is unknown tells nothing, so its effects count.
+    """
+    assert diagnosis.final_fit is not None
+    fit = diagnosis.final_fit
+    n_known = len(fit.hypothesis.terms) - len(diagnosis.added_terms)
+    is_kept = [p.term_index is None or p.term_index < n_known for p in fit.hypothesis.parameters]
+    bare = replace(fit.hypothesis, terms=fit.hypothesis.terms[:n_known])
+    (bare_residuals,) = evaluated.compute_residuals(bare, [fit.x[is_kept]], may_diverge=True)
+    for channel, gap in diagnosis.channel_rms.items():
+        rows = zip(residuals, bare_residuals, strict=True)
+        change = np.concatenate([row[channel] - bare_row[channel] for row, bare_row in rows if channel in row])
+        is_hidden = float(np.sqrt(np.mean(change**2))) <= MIN_MISFIT_FRACTION * (gap.noise_floor or 0.0)
+        if not is_hidden:  # or the simulation without the effects diverges
+            return True
+    return False
+
+
+def record_confirmation(diagnosis: Diagnosis, *, is_exercised: bool = True) -> None:
+    """Set whether the test trials confirm the added effects, and demote a verdict that they do not confirm.
+
+    Trials in which the effects change nothing (not ``is_exercised``) confirm none, however well they are predicted.
+    """
     squares = [
         (np.square([gap.refitted, gap.with_effects]) / gap.noise_floor**2 - 1.0)
         for gap in diagnosis.channel_rms.values()
@@ -179,6 +202,12 @@ def record_confirmation(diagnosis: Diagnosis) -> None:
         allowed = max(MAX_REMAINING_FRACTION * refitted, NEGLIGIBLE_GAP * len(squares))
         is_confirmed = bool(with_effects <= allowed)
     diagnosis.held_out = "confirmed" if is_confirmed else "not-confirmed"
+    if is_confirmed and not is_exercised:
+        diagnosis.held_out = "not-tested"
+        diagnosis.reasons.append(
+            "The test trials cannot confirm the added effects, which change no channel there by more than a quarter of "
+            "the noise. Set use = 'test' for a trial that shows them."
+        )
     if diagnosis.verdict in ("identified", "identified-in-part", "indistinguishable") and not is_confirmed:
         diagnosis.verdict = "unexplained"
         sentence = (

@@ -84,7 +84,8 @@ class Diagnosis:
     prediction: PredictiveResult | None = None
     """Selection by prediction of left-out conditions; None where models reach the noise between repeats."""
     held_out: HeldOut = "not-tested"
-    """Whether the test trials confirm the added effects; 'not-tested' without effects or test trials."""
+    """Whether the test trials confirm the added effects; 'not-tested' without effects, or without test trials in which
+    they act."""
     is_worse_on_test: bool = False
     """Whether the refitted device without effects predicts the test trials better."""
     is_declared_best: bool = False
