@@ -1,13 +1,18 @@
 """Data quality: insufficient data, dead and saturated channels."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from klute_sim.datasets.dataset import load_dataset
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
+from klute_sim.diagnosis.result import DiagnosisOptions
+from klute_sim.diagnosis.workflow import diagnose
+from tests.diagnosis.synthetic_dataset import write_dataset
 
 
 def make_experiment(name: str, force: np.ndarray, group: str = "g", moving: bool = True) -> BenchExperiment:
@@ -46,6 +51,15 @@ def test_insufficient_data_are_reported_with_the_fix() -> None:
     assert (
         len(data_quality.find_limitations([make_experiment("a", np.zeros(20), moving=False)])) == 3
     )  # constant pressure, constant length, no repeats
+
+
+def test_recordings_without_enough_samples_are_called_short(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "d", groups=("fit_1", "test_1"), seconds=1.0)
+    for path in folder.glob("*.csv"):
+        path.write_text("\n".join(path.read_text("utf-8").splitlines()[:12]), "utf-8")
+    diagnosis = diagnose(load_dataset(folder), DiagnosisOptions(n_jobs=1))
+    assert diagnosis.verdict == "insufficient-data"
+    assert "too short or too slow: a channel has at most" in diagnosis.reasons[-1]
 
 
 def test_moving_trials_that_are_not_fitted_are_named() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from klute_sim.datasets.dataset import MAX_LISTED_TRIALS, Dataset
 from klute_sim.datasets.trial import MIN_SAMPLES
-from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, MAX_WARM_UP_TIME, Experiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import WeightedData
@@ -37,6 +37,8 @@ SATURATION_COUNT_RATIO, MIN_SATURATED_SAMPLES = 5, 10
 """Samples at the highest or lowest value of a saturated channel: their ratio to those at any other value, and their
 smallest number. Coarsely digitized or vented channels repeat other values, too."""
 NO_USABLE_CHANNEL = "No channel is usable. Check cables and columns."
+USUAL_RATE_HZ = 100.0
+"""Samples a second that show how a bench moves (assumed)."""
 
 
 class UsableData(NamedTuple):
@@ -71,7 +73,7 @@ def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simu
 
     examined = [e for e in usable if e.use != "test" and e.measured]
     if not any(e.use == "fit" for e in examined):
-        return UsableData(usable, [], remarks, [NO_USABLE_CHANNEL])
+        return UsableData(usable, [], remarks, [_describe_few_samples(for_fit) or NO_USABLE_CHANNEL])
     nominal = Hypothesis(dataset.device, (), ())
     residuals = WeightedData(simulator, examined, {}).compute_residuals(nominal, [nominal.initial_point()])[0]
     contradicted, problems = find_contradicted_channels(examined, residuals)
@@ -104,6 +106,18 @@ def _find_copied_channels(
     removed = {e.name for e in experiments} if copied == names else copied
     remark = describe_copied_pressures(sorted(copied), len(names))
     return {(name, "pressure") for name in removed}, [remark]
+
+
+def _describe_few_samples(experiments: Sequence[Experiment]) -> str:
+    """Return that no channel has enough samples after the warm-up, and what is needed; '' where one has."""
+    n_samples = max((len(series.value) for e in experiments for series in e.measured.values()), default=0)
+    if n_samples >= MIN_SAMPLES:
+        return ""
+    return (
+        f"The recordings are too short or too slow: a channel has at most {n_samples} samples after the beginning of a "
+        f"trial, which is not compared (up to {MAX_WARM_UP_TIME:g} s), and needs {MIN_SAMPLES}. Record each trial for "
+        f"several seconds with about {USUAL_RATE_HZ:g} samples a second."
+    )
 
 
 def find_blocking_problems(experiments: Sequence[Experiment], *, judges_supply: bool = False) -> list[str]:
