@@ -357,7 +357,9 @@ def test_effect_that_may_be_absent_is_not_identified(
     doubted = remove_absent_effects(selected)
     assert doubted.verdict == expected
     assert doubted.reasons[-1] == "a reason"
-    assert ("contains the value without effect, 1" in doubted.reasons[0]) == (expected != verdict)
+    assert ("is a proxy: its 95 % interval contains the value without effect, 1" in doubted.reasons[0]) == (
+        expected != verdict
+    )
     simulator.close()
 
 
@@ -368,12 +370,15 @@ def test_effect_beside_one_that_may_be_absent_is_identified_in_part(monkeypatch:
     monkeypatch.setattr(absent_effect, "compute_confidence_intervals", lambda data, current: intervals["after"])
     data = WeightedData(simulator, make_repeats([np.linspace(0.0, 500.0, 100)] * 2), {})
     before = [(5.0, 60.0), (0.97, 1.01)]
-    selected = FinalModel("identified", [], data, make_fit(()), fit, before, [], [], has_converged=True)
+    found = [f"{GAIN}: BIC falls by 20.", f"{FRICTION}: BIC falls by 90."]
+    selected = FinalModel("identified", found, data, make_fit(()), fit, before, [], [], has_converged=True)
     partial = remove_absent_effects(selected)
-    assert (partial.verdict, partial.final_fit, len(partial.reasons)) == ("identified-in-part", reduced, 1)
+    assert (partial.verdict, partial.final_fit, len(partial.reasons)) == ("identified-in-part", reduced, 2)
+    assert partial.reasons[1] == found[1]
+    assert "was found, too, and is left out: its 95 % interval" in partial.reasons[0]
     intervals["after"] = [(-1.0, 60.0)]
     neither = remove_absent_effects(selected)
-    assert (neither.verdict, neither.final_fit, len(neither.reasons)) == ("unexplained", reduced, 2)
+    assert (neither.verdict, neither.final_fit, len(neither.reasons)) == ("unexplained", reduced, 3)
     simulator.close()
 
 

@@ -40,12 +40,16 @@ def remove_absent_effects(selected: FinalModel) -> FinalModel:
     while found is not None:
         term, neutral = found
         value = "declared value" if term.number else "value without effect"
+        is_only = len(selected.final_fit.hypothesis.terms) == 1
         reasons.append(
-            f"The 95 % interval of {term} contains the {value}, {neutral:.4g}: the repeats disagree about it "
-            "by more than it is. More repeats, or larger motion and pressure steps, would tell."
+            f"{term} {'is a proxy' if is_only else 'was found, too, and is left out'}: its 95 % "
+            f"interval contains the {value}, {neutral:.4g}, because the repeats disagree about it by more than it is. "
+            "More repeats, or larger motion and pressure steps, would tell."
         )
-        if len(selected.final_fit.hypothesis.terms) == 1:
+        if is_only:
             return selected._replace(verdict="unexplained", reasons=[*reasons, *selected.reasons])
+        known = [reason for reason in selected.reasons if not reason.startswith(f"{term}: ")]
+        selected = selected._replace(reasons=known)  # why a term was added is of no interest once it is left out
         fit = refit_without_term(selected.data, selected.final_fit, term)
         intervals = compute_confidence_intervals(selected.data, fit)
         selected = selected._replace(final_fit=fit, confidence_intervals=intervals)
