@@ -2,10 +2,13 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from klute_sim.device.device import load_device
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.localization.equation_residuals import EquationResidual
 from klute_sim.diagnosis.probability import estimate_probabilities
@@ -108,6 +111,35 @@ def test_supply_that_agrees_to_the_noise_lacks_nothing(diagnosis: Diagnosis) -> 
     assert "0.08 bar" not in words.describe_equation_residuals(agreeing)
     assert "30 N" in words.describe_equation_residuals(agreeing)
     assert "0.08 bar" in words.describe_equation_residuals(deviating)
+
+
+@pytest.mark.parametrize(
+    ("sections", "name"),
+    [
+        (
+            "[tendon]\nslack_length_mm = 100.0\nstiffness_1_n_per_mm = 30.0\nstiffness_2_n_per_mm = 20.0\n"
+            "engagement_mm = 4.0\n",
+            "the tendon",
+        ),
+        ("[cylinder]\nextended_length_mm = 200.0\nstroke_mm = 60.0\n", "the cylinder"),
+    ],
+)
+def test_equation_of_a_device_names_the_parts_that_it_has(
+    diagnosis: Diagnosis, sections: str, name: str, tmp_path: Path
+) -> None:
+    (tmp_path / "part.toml").write_text(f'name = "part"\ndescription = "alone"\n{sections}')
+    dataset = replace(diagnosis.dataset, device=load_device(tmp_path / "part.toml"))
+    residuals = [EquationResidual("muscle, damper or tendon", 30.0, 50.0, 3.0)]
+    alone = replace(diagnosis, dataset=dataset, equation_residuals=residuals)
+    assert f"the equation of {name} leaves a force" in words.describe_equation_residuals(alone)
+
+
+def test_effects_that_explain_all_leave_no_rest(diagnosis: Diagnosis) -> None:
+    for share, end in ((0.9997, "practically all of the"), (0.8, "80 % of the")):
+        prediction = SimpleNamespace(share=share)
+        sentence = words.describe_verdict(replace(diagnosis, verdict="identified-in-part", prediction=prediction))
+        assert f"; this takes {end} squared error" in sentence
+        assert ("the rest is unexplained" in sentence) == (share < 0.99)
 
 
 def test_ankle_lacks_a_moment(diagnosis: Diagnosis) -> None:

@@ -12,7 +12,11 @@ from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.diagnosis.data_quality import find_moving_trials
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
-from klute_sim.diagnosis.localization.equation_residuals import EQUATION_UNITS, select_significant_equations
+from klute_sim.diagnosis.localization.equation_residuals import (
+    EQUATION_UNITS,
+    EquationResidual,
+    select_significant_equations,
+)
 from klute_sim.diagnosis.probability import estimate_probabilities
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.effects import catalogue
@@ -30,6 +34,11 @@ NUMBERS_TITLE = "Corrected numbers"
 """Title of the table of wrong numbers."""
 MAX_NOISE_RATIO = 1.1
 """Largest ratio of a gap to the noise between repeats that is agreement."""
+DEVICE_PARTS = {
+    "muscle and damper": ("muscle", "cylinder", "damper"),
+    "muscle, damper or tendon": ("muscle", "cylinder", "damper", "tendon"),
+}
+"""Kind of an equation residual -> parts that a device may have."""
 QUANTITY_BY_UNIT = {"N": "force", "bar": "pressure", "N·m": "moment"}
 """Unit of an equation residual -> its quantity."""
 PROPER_NAMES = {name.lower(): name for name in ("Bouc", "Coulomb", "Maxwell", "Stribeck", "Wen")}
@@ -148,10 +157,10 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
             clauses.append(f"{subject} {join_words(effects)}")
     sentence = "; ".join(clauses)
     if diagnosis.verdict == "identified-in-part" and diagnosis.prediction is not None:
-        sentence += (
-            f"; this takes {100.0 * diagnosis.prediction.share:.0f} % of the squared error of prediction that noise "
-            "does not explain, and the rest is unexplained"
-        )
+        percents = round(100.0 * diagnosis.prediction.share)
+        amount = f"{percents} %" if percents < 100 else "practically all"
+        rest = ", and the rest is unexplained" if percents < 100 else ""
+        sentence += f"; this takes {amount} of the squared error of prediction that noise does not explain{rest}"
     if diagnosis.verdict == "indistinguishable":
         sentence += _describe_alternatives(diagnosis)
     return f"{sentence[0].upper()}{sentence[1:]}."
@@ -215,11 +224,11 @@ def describe_equation_residuals(diagnosis: Diagnosis) -> str:
     for residual in significant:
         unit, si = EQUATION_UNITS[residual.kind]
         clauses.append(
-            f"the equation of {_format_equation(residual.name)} leaves a {QUANTITY_BY_UNIT[unit]} of "
+            f"the equation of {_format_equation(residual, diagnosis)} leaves a {QUANTITY_BY_UNIT[unit]} of "
             f"{format_number(residual.rms / si, 3)} {unit} rms"
         )
     clauses += [
-        f"that of {_format_equation(residual.name)} holds within the noise"
+        f"that of {_format_equation(residual, diagnosis)} holds within the noise"
         for residual in diagnosis.equation_residuals
         if residual not in significant
     ]
@@ -296,8 +305,14 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
     return f"Use: device.toml in this folder holds {content}; 'klute-sim bench steps device.toml' simulates it."
 
 
-def _format_equation(equation: str) -> str:
-    return equation if equation.startswith("muscle") else f"the {equation}"
+def _format_equation(residual: EquationResidual, diagnosis: Diagnosis) -> str:
+    """Return the name of the equation of ``residual``, without the parts that the device lacks."""
+    if residual.kind not in DEVICE_PARTS or residual.part:
+        return residual.name if residual.name.startswith("muscle") else f"the {residual.name}"
+    spec = diagnosis.dataset.device.spec
+    known = {"muscle": spec.muscle, "cylinder": spec.cylinder, "damper": spec.damper, "tendon": spec.tendon}
+    parts = [part for part in DEVICE_PARTS[residual.kind] if known[part]]
+    return f"the {parts[0]}" if len(parts) == 1 else join_words(parts, "and" if " and " in residual.kind else "or")
 
 
 def describe_improvement(diagnosis: Diagnosis) -> str:
