@@ -67,8 +67,8 @@ PASSIVE_TENSION = Effect(
     forms=(
         EffectForm(
             name="exponential",
-            equation="F -= n d/D (b0 s(P) + b1 (1 - exp(-e/e1))), not below 0; e = 1 - L/L0, s = 1 - exp(-P/0.1 bar), "
-            "D = 10 mm",
+            equation="F -= n d/D (b0 s(P) + b1 (1 - exp(-e/e1))), F is reduced to 0 at most; e = 1 - L/L0, "
+            "s = 1 - exp(-P/0.1 bar), D = 10 mm",
             parameters=(
                 EffectParameter(
                     key="rise_n",
@@ -93,7 +93,8 @@ PASSIVE_TENSION = Effect(
         ),
         EffectForm(
             name="power",
-            equation="F -= n d/D (b0 s(P) + b1 e^(2/3)), not below 0; e = 1 - L/L0, s = 1 - exp(-P/0.1 bar), D = 10 mm",
+            equation="F -= n d/D (b0 s(P) + b1 e^(2/3)), F is reduced to 0 at most; e = 1 - L/L0, "
+            "s = 1 - exp(-P/0.1 bar), D = 10 mm",
             parameters=(
                 EffectParameter(
                     key="rise_n",
