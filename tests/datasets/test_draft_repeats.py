@@ -35,6 +35,14 @@ def test_repeats_agree_in_the_inputs_that_are_known(tmp_path: Path) -> None:
     assert "check the groups: repeats are recognized without pressure_command" in draft.remarks
 
 
+def test_without_inputs_no_repeats_are_recognized(tmp_path: Path) -> None:
+    for name in "ab":
+        write(tmp_path / f"{name}.csv", ["t [s]", "AIN3", "F [N]"], [TIME, COMMAND, FORCE])
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert draft.n_groups == 2
+    assert any("not recognized without length and pressure_command" in remark for remark in draft.remarks)
+
+
 def test_repeats_without_time_agree_row_by_row(tmp_path: Path) -> None:
     for name, scale in (("a", 1.0), ("b", 1.0), ("c", 0.5)):
         columns = [340.0 + scale * (LENGTH - 340.0), COMMAND, FORCE]

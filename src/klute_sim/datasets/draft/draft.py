@@ -306,9 +306,11 @@ def _describe_repeats(files: Sequence[RecognizedFile], groups: Sequence[int], mi
     advice = "if some are repeats, give them one group"
     sizes = Counter(groups)
     alone = [file.path.name for file, group in zip(files, groups, strict=True) if sizes[group] == 1]
+    unknown = [channel for channel in get_prescribed_units("bench") if channel in missing]
+    if not any(_is_known(channel, files) for channel in get_prescribed_units("bench")):
+        return [f"repeats are not recognized without {' and '.join(unknown)}; {advice}"]
     if len(alone) == len(files):
         return [f"no two files have equal inputs, so no repeats measure the noise; {advice}"]
-    unknown = [channel for channel in get_prescribed_units("bench") if channel in missing]
     remarks = [f"check the groups: repeats are recognized without {' and '.join(unknown)}"] if unknown else []
     remarks += [f"check the groups: no other file has the inputs of {format_columns(alone)}; {advice}"] if alone else []
     return remarks
