@@ -242,3 +242,22 @@ def test_fault_that_only_the_test_trials_have_is_not_absorbed(tmp_path: Path) ->
     diagnosis = diagnose_few_candidates(folder)
     assert diagnosis.verdict == "unexplained"
     assert "which the other trials do not show" in diagnosis.reasons[0]
+
+
+@pytest.mark.parametrize("is_constant", [True, False])
+def test_delay_is_not_tested_at_constant_pressure(
+    is_constant: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    default_inputs = synthetic_dataset.make_inputs
+
+    def make_inputs(index: int, seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        fine_length, length, command = default_inputs(index, seconds)
+        return fine_length, length, np.full(len(command), 3e5) if is_constant and index == 2 else command
+
+    monkeypatch.setattr("tests.diagnosis.synthetic_dataset.make_inputs", make_inputs)
+    delay = {("pressure_delay", "dead_time"): {"delay_s": 0.06}}
+    folder = write_dataset(tmp_path / "d", delay, groups=("fit_1", "fit_2", "test_1"))
+    diagnosis = diagnose(datasets.load_dataset(folder), DiagnosisOptions(only=("pressure_delay", "threshold_pressure")))
+    assert [term.effect for term in diagnosis.added_terms] == ["pressure_delay"]
+    assert diagnosis.held_out == ("not-tested" if is_constant else "confirmed")
+    assert any("cannot confirm the added effects" in reason for reason in diagnosis.reasons) == is_constant
