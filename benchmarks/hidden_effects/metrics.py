@@ -390,7 +390,10 @@ def _coverage_metric(
 
 
 def iter_parameter_intervals(rows: Iterable[DatasetResult]) -> Iterator[ParameterInterval]:
-    """Yield the parameters of all effects that were identified in their hidden form and nothing else."""
+    """Yield the parameters of all effects that were identified in their hidden form and nothing else.
+
+    A form that the catalogue did not contain when it was hidden has other parameters there, and is left out.
+    """
     for row in rows:
         if row.outcome != "right" or row.verdict["verdict"] not in ("identified", "identified-in-part"):
             continue
@@ -400,7 +403,9 @@ def iter_parameter_intervals(rows: Iterable[DatasetResult]) -> Iterator[Paramete
                 continue
             known = EFFECTS | BODY_EFFECTS | JOINT_EFFECTS
             forms = instrument_forms(true["channel"]) if true.get("channel") else known
-            parameters = forms[true["name"], true["form"]]
+            parameters = forms.get((true["name"], true["form"]))
+            if parameters is None:
+                continue
             values = zip(reported["parameters"].items(), true["parameters"].items(), strict=True)
             for (_, estimate), (key, value) in values:  # a fault's numbers are called otherwise there
                 neutral = parameters[key].neutral or 0.0

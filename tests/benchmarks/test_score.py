@@ -124,6 +124,14 @@ def test_parameter_of_fault_is_compared_despite_its_name() -> None:
     assert one.is_covered
 
 
+def test_form_that_the_catalogue_gained_later_has_no_parameters_to_compare() -> None:
+    numbers = {"natural_rad_per_s": 120.0, "damping_ratio": 0.8}
+    true = {"name": "pressure_lag", "form": "second_order", "parameters": numbers}
+    found = {**true, "channel": None, "parameters": {"time_constant_s": {}, "damping_ratio": {}}}
+    row = DatasetResult("form_0", truth((true,), block="wrong_form"), verdict("identified", found), "right")
+    assert list(metrics.iter_parameter_intervals([row])) == []
+
+
 def test_indistinguishable_follow_up_is_open() -> None:
     both = verdict("indistinguishable", GAIN, alternatives=(["braid_hysteresis"],))
     assert score_follow_up(truth((HYSTERESIS,)), both) == "open"
