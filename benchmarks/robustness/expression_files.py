@@ -87,9 +87,10 @@ def use_expression(paths: Sequence[Path]) -> None:
     rows = [";".join(f"{value:.17g}" for value in row) for row in zip(*columns.values(), strict=True)]
     (folder / "a.csv").write_text("\n".join([";".join(headings), *rows]) + "\n", "utf-8")
     others = {"time": "t", "length": "stroke", "pressure_command": "1 [bar]"}
-    mapping = parse_mapping({**others, "force": text}, {}, "bench", "dataset.toml", "trial 'a'")
+    expressions = {channel: [each] for channel, each in {**others, "force": text}.items()}
+    mapping = parse_mapping(expressions, {}, "bench", "dataset.toml", "trial 'a'")
     force = read_trial([folder / "a.csv"], "bench", mapping).measured["force"].value
-    expression = mapping.expressions["force"]
+    (expression,) = mapping.expressions["force"]
     if expression.unit is not None:
         _compare(
             force, _evaluate(text[: text.rindex("[")], {**columns, "row": np.arange(float(N_ROWS))}), expression.unit
