@@ -48,6 +48,7 @@ def test_figure_shows_current_architecture() -> None:
     assert drawn == architecture.build_import_graph(), f"run `{command}`"
 
 
+@pytest.mark.slow
 def test_graph_leaves_out_only_implied_imports() -> None:
     graph = architecture.build_import_graph()
 

@@ -99,6 +99,7 @@ def compute_objective(stride: StrideMetrics) -> float:
     return sum(distance**2 for distance in distances if distance is not None) + 0.1 * stride.air_g
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hand-tuned", "tuned", "tuned-with-device"])
 def test_actuated_ankle_is_closer_to_the_human_one_than_without_pressure(name: str) -> None:
     """Compare under equal load: the rig learns the path of each until its foot carries that of the reference."""

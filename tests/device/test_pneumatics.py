@@ -191,6 +191,7 @@ def simulate_reference_run(step: float = STEP) -> tuple[Recording, DeviceParamet
     return simulate_gait(device, control.load_default_profile(), GaitOptions(strides=3, dt=step)), device.parameters
 
 
+@pytest.mark.slow
 def test_energy_residual_of_a_stride_is_of_first_order_in_the_step() -> None:
     """Measured in the first and in a steady stride: 0.23 and 0.21 % at 1 ms, 0.12 and 0.10 % at 0.5 ms."""
     coarse, fine = (

@@ -82,6 +82,7 @@ def compute_coverage(noise: Callable[[np.random.Generator, np.ndarray], np.ndarr
     return n_covered / n_draws
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [make_fast_noise, make_slow_noise, make_local_noise])
 def test_intervals_have_nominal_coverage(
     noise: Callable[[np.random.Generator, np.ndarray], np.ndarray],

@@ -244,6 +244,7 @@ def test_fault_that_only_the_test_trials_have_is_not_absorbed(tmp_path: Path) ->
     assert "which the other trials do not show" in diagnosis.reasons[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_constant", [True, False])
 def test_delay_is_not_tested_at_constant_pressure(
     is_constant: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -297,6 +297,7 @@ def test_numbers_of_the_model_are_candidates_for_errors(tmp_path: Path) -> None:
     assert format_term(EffectTerm("leak", "orifice", tendon="flexor")) == "leak of flexor"
 
 
+@pytest.mark.slow
 def test_size_of_a_faint_friction_in_the_muscles_of_a_free_joint_is_predicted(tmp_path: Path) -> None:
     """At a third of its usual size, the friction would hold the joint, which says nothing of a faint one."""
     rubbing = PAIR.with_effect("braid_hysteresis", form="coulomb", slope_n_per_bar=0.6)

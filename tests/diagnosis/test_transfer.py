@@ -67,6 +67,7 @@ def diagnosis(true_device: Device, tmp_path_factory: pytest.TempPathFactory) -> 
     return diagnose(load_dataset(folder), DiagnosisOptions(only=("passive_tension",)))
 
 
+@pytest.mark.slow
 def test_device_of_one_diameter_predicts_another(diagnosis: Diagnosis, true_device: Device, tmp_path: Path) -> None:
     head = '[diameter]\ndevice = "10 mm"\ntrials = "20 mm"'
     folder = write_muscles(tmp_path / "twenty", scale(true_device, "10 mm", "20 mm"), (0.3,), head, seed=1)

@@ -47,6 +47,7 @@ def are_equal(a: object, b: object) -> bool:
     return a is b if a is None else np.array_equal(a, b)
 
 
+@pytest.mark.slow
 def test_sampled_values_are_reported_and_simulated() -> None:
     env = AnkleGaitEnv(domain_randomization=ALL_RANGES, strides=1, time_step=1e-3)
     masses, time_constants = set(), []

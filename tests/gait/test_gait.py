@@ -96,6 +96,7 @@ def test_ankle_without_pressure_is_passive() -> None:
     assert metrics.mean(lambda s: s.air_g) == 0.0
 
 
+@pytest.mark.slow
 def test_peak_moment_is_converged_in_the_time_step() -> None:
     fine = compute_gait_metrics(
         simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=3, dt=2.5e-4))

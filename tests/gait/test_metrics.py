@@ -282,6 +282,7 @@ def test_remark_reports_an_untracked_load() -> None:
         assert ("The load was not tracked (rms error 0.30 body weights)" in remarks) == is_expected
 
 
+@pytest.mark.slow
 def test_table_and_figure_accept_any_number_of_strides(tmp_path: Path) -> None:
     for strides, title in ((1, "test, stride 1"), (7, "test, mean of strides 2 to 7")):
         run = recording(strides=strides)

@@ -47,6 +47,7 @@ def simulate(rig: GaitRig, backend: str, steps: int) -> np.ndarray:
     return np.array(states)
 
 
+@pytest.mark.slow
 def test_gait_steps_are_identical_alone_in_threads_and_in_a_batch() -> None:
     rig, steps = build_gait_rig(DEVICE, GaitOptions(), 5e-4), 10_000
     reference = simulate(rig, "python", steps)

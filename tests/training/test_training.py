@@ -141,6 +141,7 @@ def test_invalid_options_are_refused(arguments: tuple[str, ...], message: str, t
     assert len(completed.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_evaluation_uses_equal_random_numbers() -> None:
     options = {
         "action": "residual",

@@ -270,6 +270,7 @@ def test_cost_of_valid_failed_and_toe_catching_evaluations(tmp_path: Path) -> No
     )  # the violation entered the costs
 
 
+@pytest.mark.slow
 def test_converged_search_restarts_until_the_budget_is_used(tmp_path: Path) -> None:
     problem = make_problem()
     evaluations = optimize(problem, 1500, open_tuning_store(tmp_path / "s", problem), QuadraticRunner().run)

@@ -138,6 +138,7 @@ LIBRARIES = {
 """Name -> what a library does with the file, and what the error says."""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems limit neither time nor memory so")
 @pytest.mark.parametrize("name", LIBRARIES)
 def test_small_file_gets_little_time_and_memory(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
