@@ -248,6 +248,7 @@ def test_full_disk_is_one_sentence_and_leaves_no_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_api_writes_the_same_files_and_metrics_as_the_command(
     default_run: tuple[Path, dict[str, object]], tmp_path: Path
 ) -> None:

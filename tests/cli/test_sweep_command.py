@@ -140,6 +140,7 @@ def test_table_holds_the_metrics_of_single_runs_bit_for_bit(finished_sweep: tupl
         assert row["failure"] is None
 
 
+@pytest.mark.slow
 def test_unsuitable_device_is_a_row_with_the_reason(finished_sweep: tuple[Path, dict[str, Any]]) -> None:
     assert finished_sweep[1]["failed"] == 8
     for row in finished_sweep[1]["rows"][:8]:

@@ -7,6 +7,7 @@ import klute_sim as ks
 from tests.report.figure_checks import check_figure
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("protocol", ["isometric", "workloop"])
 def test_colours_grow_brighter_with_pressure(protocol: str) -> None:
     figure = ks.simulate_bench("klute-3-4-pair", protocol, time_step=1e-3, pressures_bar=[2.0, 5.0, 3.0]).plot()
