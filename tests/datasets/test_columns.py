@@ -254,8 +254,8 @@ def test_each_file_has_the_time_whose_column_it_has(tmp_path: Path) -> None:
     assert loaded.measured["pressure"].time == pytest.approx(0.02 * COUNTS)
     write(tmp_path / "c.csv", {"zeit [s]": 0.02 * COUNTS, "p": 3 + 0 * COUNTS})
     assert (
-        "c.csv has no time: it has not the columns of 't [ms]' or '`Time (s)`'; its columns are 'zeit [s]', 'p'; state "
-        'the time of each kind of file in a list: time = ["t [ms]", "`Time (s)`", "`zeit [s]`"]'
+        "c.csv has no time: it does not have the columns of 't [ms]' or '`Time (s)`'; its columns are 'zeit [s]', 'p'; "
+        'state the time of each kind of file in a list: time = ["t [ms]", "`Time (s)`", "`zeit [s]`"]'
     ) in load_error(tmp_path, text + trial)
     assert "there is no column 't'; the columns are 'zeit [s]', 'p'; state the time of each" in load_error(
         tmp_path, text.replace(times, 'time = "t [ms]"\n') + trial

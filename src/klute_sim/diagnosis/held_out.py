@@ -205,8 +205,8 @@ def record_confirmation(diagnosis: Diagnosis, *, is_exercised: bool = True) -> N
     if is_confirmed and not is_exercised:
         diagnosis.held_out = "not-tested"
         diagnosis.reasons.append(
-            "The test trials cannot confirm the added effects, which change no channel there by more than a quarter of "
-            "the noise. Set use = 'test' for a trial that shows them."
+            f"The test trials cannot confirm the added effects, which change no channel there by more than "
+            f"{100 * MIN_MISFIT_FRACTION:.0f} % of the noise. Set use = 'test' for a trial that shows them."
         )
     if diagnosis.verdict in ("identified", "identified-in-part", "indistinguishable") and not is_confirmed:
         diagnosis.verdict = "unexplained"

@@ -110,7 +110,7 @@ def _describe_missing(reasons: Sequence[str], alternatives: Sequence[Expression]
     if len(reasons) == 1:
         return reasons[0]
     texts = " or ".join(f"'{expression.text}'" for expression in alternatives)
-    return f"it has not the columns of {texts}; its columns are {format_columns(file.headings) or 'none'}"
+    return f"it does not have the columns of {texts}; its columns are {format_columns(file.headings) or 'none'}"
 
 
 def is_known_heading(

@@ -24,7 +24,7 @@ MIN_UPDATES = 20
 """Smallest number of changes of a command that show the updates of a controller (assumed)."""
 MIN_REGULAR_FRACTION = 0.5
 """Smallest fraction of intervals between changes that equal their median (assumed: a command may also stay equal)."""
-MIN_SIZES = 4
+MIN_CHANGE_SIZES = 4
 """Smallest number of different changes of a command that show updates (assumed). A slow ramp in the resolution of the
 log changes by the resolution alone, and a switched command by one step."""
 
@@ -94,7 +94,7 @@ def shows_updates(command: TimeSeries) -> bool:
     if len(changes) < MIN_UPDATES:
         return False
     intervals, sizes = np.diff(changes), np.abs(difference[changes])
-    if intervals.min() < 2 or len(np.unique(np.round(sizes / sizes.min(), 3))) < MIN_SIZES:
+    if intervals.min() < 2 or len(np.unique(np.round(sizes / sizes.min(), 3))) < MIN_CHANGE_SIZES:
         return False
     return bool(np.mean(intervals == np.median(intervals)) >= MIN_REGULAR_FRACTION)
 
