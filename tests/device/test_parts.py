@@ -195,7 +195,7 @@ def test_effects_and_numbers_of_absent_parts_are_no_candidates(sections: tuple[s
     spec = parse(*sections).spec
     candidates = {e.name for e in catalogue.get_effects().values() if e.kind == "device" and spec.can_add_effect(e)}
     assert candidates == expected
-    numbers = {key.partition(".")[0] for key in list_error_candidates(spec, frozenset())}
+    numbers = {key.partition(".")[0] for key in list_error_candidates(spec)}
     assert numbers == ({"tendon"} if sections == (TENDON,) else set())
     with_oil = parse(CYLINDER, DAMPER).spec
     assert with_oil.can_add_effect(catalogue.get_effects()["trapped_air"])

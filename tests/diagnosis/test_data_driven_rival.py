@@ -117,7 +117,7 @@ def test_places_and_kinds_of_causes() -> None:
 RADIUS, TURNS = (
     EffectTerm("number_error", "value", number=f"muscle.{k}") for k in ("bladder_radius_mm", "turns_per_m")
 )
-GAIN, OFFSET = EffectTerm("sensor_gain", "linear", "force"), EffectTerm("sensor_offset", "linear", "force")
+GAIN, OFFSET, LAG = (EffectTerm(f"sensor_{fault}", "linear", "force") for fault in ("gain", "offset", "lag"))
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,8 @@ GAIN, OFFSET = EffectTerm("sensor_gain", "linear", "force"), EffectTerm("sensor_
         pytest.param((FRICTION, GAIN, RADIUS), "unexplained", id="three kinds"),
         pytest.param((FRICTION, RADIUS, TURNS), "identified", id="an effect and two numbers"),
         pytest.param((GAIN, RADIUS, TURNS), "unexplained", id="three faults"),
-        pytest.param((GAIN, OFFSET, RADIUS), "identified", id="one instrument and a number"),
+        pytest.param((GAIN, OFFSET, RADIUS), "identified", id="one calibration and a number"),
+        pytest.param((LAG, OFFSET, RADIUS), "unexplained", id="a calibration, a lag and a number"),
     ],
 )
 def test_coincidences_are_proxies(terms: tuple[EffectTerm, ...], verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:

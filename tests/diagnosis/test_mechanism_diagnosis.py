@@ -27,8 +27,9 @@ from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals
 from klute_sim.diagnosis.planning import joint_proposals
 from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
 from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.diagnosis.selection.candidates import list_candidate_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.screening import list_candidate_terms, screen_candidates
+from klute_sim.diagnosis.selection.screening import screen_candidates
 from klute_sim.diagnosis.workflow import fit_base_device
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.mechanism.assembly import Mechanism

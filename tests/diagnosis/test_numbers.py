@@ -11,9 +11,10 @@ from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers, limit_to_valid
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.fitting.number_error import NUMBER_ERROR_NAME, compute_plausible_error, list_error_candidates
-from klute_sim.diagnosis.selection.screening import list_contradicted_numbers
+from klute_sim.diagnosis.selection.candidates import list_contradicted_numbers, list_further_terms
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_numbers_at_limit
 from klute_sim.laws.mckibben import compute_braid_radius
 from klute_sim.plausibility.device_numbers import RANGES, check_device_numbers, limit_to_plausible
 
@@ -33,11 +34,10 @@ def make_fit(hypothesis: Hypothesis, x: np.ndarray) -> Fit:
     return Fit(hypothesis, x, np.zeros(len(x)), np.eye(len(x)), True, [])
 
 
-def test_candidates_are_all_undeclared_numbers_but_counts_zeros_and_the_foot() -> None:
+def test_candidates_are_all_numbers_but_counts_zeros_and_the_foot() -> None:
     spec = load_device("klute-1-1-4-pair").spec
-    candidates = list_error_candidates(spec, frozenset({RADIUS}))
+    candidates = list_error_candidates(spec)
     values = spec.collect_values()
-    assert RADIUS not in candidates
     assert "muscle.count" not in candidates
     assert not [key for key in candidates if key.startswith(("foot.", "effects."))]
     assert all(values[key] != 0.0 for key in candidates)
@@ -139,6 +139,31 @@ def test_contradicted_number_is_one_whose_plausible_error_is_larger_than_its_dec
     assert list_contradicted_numbers(make_fit(narrow, np.array([2.9, -3.0]))) == {rubber}
     wide = Hypothesis(NOMINAL, ((slack, 10.0),), ())
     assert list_contradicted_numbers(make_fit(wide, np.array([3.0]))) == set()
+
+
+def test_declared_number_is_a_candidate_where_a_fit_contradicts_it() -> None:
+    slack, rubber = "tendon.slack_length_mm", "muscle.c10_kpa"
+    terms = [make_number_term(slack), make_number_term(rubber)]
+    hypothesis = Hypothesis(NOMINAL, ((slack, 1.0),), ())
+    assert list_further_terms(terms, make_fit(hypothesis, np.array([2.9]))) == terms[1:]
+    assert list_further_terms(terms, make_fit(hypothesis, np.array([3.0]))) == terms
+    with_rubber = make_fit(hypothesis.with_term(terms[1]), np.array([3.0, 0.1]))
+    assert list_further_terms(terms, with_rubber) == terms[:1]
+
+
+def test_number_at_the_limit_of_its_declared_uncertainty_forbids_a_name() -> None:
+    slack, friction = "tendon.slack_length_mm", EffectTerm("braid_hysteresis", "coulomb")
+    data = WeightedData(None, [make_trial()], {})
+    declared = Hypothesis(NOMINAL, ((slack, 1.0),), ())
+    named = declared.with_term(friction)
+    assert find_numbers_at_limit(make_fit(named, np.array([-3.0, 0.1]))) == [slack]
+    assert slack in find_naming_obstacle(data, make_fit(named, np.array([-3.0, 0.1])))
+    assert not find_naming_obstacle(data, make_fit(named, np.array([-2.9, 0.1])))
+    assert not find_naming_obstacle(data, make_fit(declared, np.array([3.0])))  # nothing is named
+    # A limit of physics, here that of a positive number, is a value like others.
+    wide = Hypothesis(NOMINAL, ((slack, 1000.0),), ()).with_term(friction)
+    lower, _ = wide.bounds()
+    assert find_numbers_at_limit(make_fit(wide, np.array([lower[0], 0.1]))) == []
 
 
 def test_fitted_numbers_stay_plausible_if_the_declared_ones_are() -> None:

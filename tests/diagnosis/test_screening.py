@@ -10,10 +10,10 @@ from klute_sim.datasets import dataset as datasets
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
+from klute_sim.diagnosis.selection.candidates import list_candidate_terms
 from klute_sim.diagnosis.selection.screening import (
     MAX_PRIOR_CANDIDATES,
     PRIOR_DEVIATION_SIGMAS,
-    list_candidate_terms,
     screen_candidates,
 )
 from klute_sim.diagnosis.workflow import fit_base_device

@@ -11,8 +11,9 @@ from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, select_shortlist
-from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms, screen_candidates
+from klute_sim.diagnosis.selection.candidates import check_effect_names, list_candidate_terms
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.screening import screen_candidates, select_shortlist
 from klute_sim.diagnosis.workflow import fit_base_device
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError

@@ -28,8 +28,8 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.localization.equation_residuals import EquationResidual, compute_equation_residuals
 from klute_sim.diagnosis.noise import repeats as noises
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
+from klute_sim.diagnosis.selection.candidates import check_effect_names, list_candidate_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms
 from klute_sim.diagnosis.verdict import verdict_to_dict
 from klute_sim.diagnosis.workflow import diagnose, fit_base_device
 from klute_sim.effects import catalogue

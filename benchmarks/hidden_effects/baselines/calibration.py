@@ -12,8 +12,9 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_repeats
+from klute_sim.diagnosis.selection.candidates import list_candidate_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.screening import Candidate, list_candidate_terms, screen_candidates
+from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
 from klute_sim.errors import InputError
 
 MAX_EFFECTS = 3
@@ -40,7 +41,8 @@ class Calibration:
         self._simulator = Simulator()
         try:
             self.base, self.data = self._fit_base(with_repeats=with_repeats)
-            self.terms = list_candidate_terms(self.data, trials.dataset, (), exclude)
+            terms = list_candidate_terms(self.data, trials.dataset, (), exclude)
+            self.terms = [term for term in terms if term.number not in trials.dataset.uncertainties]
         except BaseException:
             self._simulator.close()
             raise

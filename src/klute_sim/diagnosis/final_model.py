@@ -25,6 +25,7 @@ from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import (
     describe_coincidence,
     find_naming_obstacle,
+    find_numbers_at_limit,
     find_terms_at_bound,
 )
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
@@ -63,7 +64,7 @@ def select_adequate_model(
     options: DiagnosisOptions,
     progress: ProgressCallback,
 ) -> FinalModel | None:
-    """Return the model where the noise between repeats decides; None where names would have a parameter at a bound.
+    """Return the model where the noise between repeats decides; None where names would have a value at a bound.
 
     Such an effect takes a simpler form; if no simpler form reaches the noise, an equivalent model takes its place.
     """
@@ -77,12 +78,12 @@ def select_adequate_model(
     smaller_fit = find_smaller_model(search, final_fit)
     if smaller_fit is not None:
         checked = refine_and_simplify(search, smaller_fit, np.random.default_rng(options.seed))
-        if not find_terms_at_bound(checked[0]):
+        if not _has_value_at_bound(checked[0]):
             final_fit, has_converged = checked
     progress(0.7, "searching for equivalent models")
     equivalent_models = find_equivalent_models(search, final_fit)
     if equivalent_models and (
-        equivalent_models[0].difference < -search.bic_threshold or find_terms_at_bound(final_fit)
+        equivalent_models[0].difference < -search.bic_threshold or _has_value_at_bound(final_fit)
     ):
         better_fit = equivalent_models[0].fit
         final_fit, has_converged = refine_and_simplify(search, better_fit, np.random.default_rng(options.seed))
@@ -94,7 +95,7 @@ def select_adequate_model(
     verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
     if verdict == "unexplained":  # proxies have no alternatives
         equivalent_models = []
-    if verdict in ("identified", "indistinguishable") and find_terms_at_bound(final_fit):
+    if verdict in ("identified", "indistinguishable") and _has_value_at_bound(final_fit):
         return None
     return FinalModel(
         verdict,
@@ -107,6 +108,10 @@ def select_adequate_model(
         compute_equation_residuals(data, final_fit),
         has_converged,
     )
+
+
+def _has_value_at_bound(fit: Fit) -> bool:
+    return bool(find_terms_at_bound(fit) or (fit.hypothesis.terms and find_numbers_at_limit(fit)))
 
 
 def select_decisive_term(
@@ -371,5 +376,7 @@ def _decide_verdict(
 
 
 def _describe_proxies(final_fit: Fit) -> list[str]:
-    proxies = " and ".join(str(term) for term in final_fit.hypothesis.terms if not term.effect_definition.data_driven)
-    return [f"Only a proxy was identified: {proxies} explains a part of the misfit."] if proxies else []
+    proxies = [str(term) for term in final_fit.hypothesis.terms if not term.effect_definition.data_driven]
+    if len(proxies) > 1:
+        return [f"Only proxies were identified: {' and '.join(proxies)} explain a part of the misfit."]
+    return [f"Only a proxy was identified: {proxies[0]} explains a part of the misfit."] if proxies else []

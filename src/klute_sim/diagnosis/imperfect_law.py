@@ -14,6 +14,7 @@ from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
 from klute_sim.diagnosis.result import Verdict
+from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import describe_coincidence, find_naming_obstacle
 from klute_sim.diagnosis.selection.predictive_model import MIN_STABILITY, PredictiveModel, PredictiveResult
@@ -57,7 +58,11 @@ def select_by_prediction(
     weighted = weight_by_law_error(data, seen.experiments, residuals)
     # Without repeats, the noise of the data is the misfit itself.
     repeat_noise = dict(data.noise) if search.has_repeats else {}
-    selection = PredictiveSelection(weighted, repeat_noise, search.candidate_terms, report_stage, seed)
+    # With the error of the law as noise, numbers at the limits of their declared uncertainties may move away from them.
+    seen_fits = search.history[0].initial_fit, best_fit
+    open_terms = {term for fit in seen_fits for term in list_further_terms(search.candidate_terms, fit)}
+    candidates = [term for term in search.candidate_terms if term in open_terms]
+    selection = PredictiveSelection(weighted, repeat_noise, candidates, report_stage, seed)
     known = [fit.hypothesis.terms for step in search.history for fit in step.refits[:1] if step.added_term]
     base = replace(best_fit.hypothesis, terms=())
     base_fit = fit_hypothesis(weighted, base)

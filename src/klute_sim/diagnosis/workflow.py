@@ -56,9 +56,9 @@ from klute_sim.diagnosis.remarks import (
     describe_refitted_numbers,
 )
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
+from klute_sim.diagnosis.selection.candidates import check_effect_names, list_candidate_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import has_several_specimens
-from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms, list_contradicted_numbers
 from klute_sim.types import ProgressCallback
 
 TIME_SHIFTS = frozenset({"clock_skew", "pressure_delay"})
@@ -234,11 +234,10 @@ def _search_model(
         data.with_experiments([e for e in validation if e.group == group])
         for group in repeats.group_repeats(validation)
     ]
-    contradicted = list_contradicted_numbers(base_fit)
     search = ForwardSelection(
         data,
         validation_data,
-        list_candidate_terms(data, dataset, options.only, options.exclude, contradicted),
+        list_candidate_terms(data, dataset, options.only, options.exclude),
         lambda stage: progress(0.2, stage),
         data_quality.has_repeats(fitted),
         dataset.tolerance,

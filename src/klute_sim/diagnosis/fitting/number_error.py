@@ -68,19 +68,16 @@ MODEL_PLAUSIBLE_ERRORS = {
 """(element, number) of a model -> plausible error; other numbers of models are not tested."""
 
 
-def list_error_candidates(spec: DeviceSpec, uncertain_keys: frozenset[str]) -> dict[str, float]:
+def list_error_candidates(spec: DeviceSpec) -> dict[str, float]:
     """Return ``section.key`` -> plausible error [unit of the key] of each number that may be wrong.
 
-    ``uncertain_keys`` are fitted anyway. Counts cannot be a little wrong, zeros mean that a part is absent, the numbers
-    of the foot have effects of their own, and those of a cylinder are its stops.
+    Counts cannot be a little wrong, zeros mean that a part is absent, the numbers of the foot have effects of their
+    own, and those of a cylinder are its stops.
     """
     return {
         key: compute_plausible_error(key, value)
         for key, value in spec.collect_values().items()
-        if key not in uncertain_keys
-        and isinstance(value, float)
-        and value != 0.0
-        and not key.startswith(("foot.", "effects.", "cylinder."))
+        if isinstance(value, float) and value != 0.0 and not key.startswith(("foot.", "effects.", "cylinder."))
     }
 
 

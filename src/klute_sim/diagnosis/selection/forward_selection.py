@@ -15,6 +15,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals, group_repeats
+from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.naming import (
     IMPLAUSIBLE_REASON,
     UNRESOLVED_REASON,
@@ -22,17 +23,13 @@ from klute_sim.diagnosis.selection.naming import (
     find_infeasible_terms,
     find_unresolved_delay,
 )
-from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
+from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates, select_shortlist
 from klute_sim.types import Array
 
 BIC_THRESHOLD = 6.0
 """Difference of BIC that decides between two models."""
 MAX_EFFECTS = 3
 """Maximum number of added effects."""
-SHORTLIST_SIZE = 8
-"""Number of effects that are refitted."""
-NUMBER_SHORTLIST_SIZE = 3
-"""Number of wrong numbers that are refitted beside them."""
 MIN_VALIDATION_GAIN = 0.05
 """Minimum relative fall of chi squared on validation trials, about that of an effect of a quarter of the noise."""
 MAX_VALIDATION_LOSS = 0.02
@@ -92,7 +89,7 @@ class ForwardSelection:
     validation_data: Sequence[WeightedData]
     """Validation trials, one entry per group."""
     candidate_terms: Sequence[EffectTerm]
-    """Effects that may be added."""
+    """Effects and errors of numbers that may be added."""
     report_stage: Callable[[str], None] = lambda stage: None
     """Receives a short description of the current stage."""
     has_repeats: bool = True
@@ -169,8 +166,7 @@ class ForwardSelection:
         return estimate_misfit(self.data.experiments, current.residuals, self.data.noise)
 
     def _select_next(self, current: Fit) -> SelectionStep:
-        used = {t.identity for t in current.hypothesis.terms}
-        unused = [t for t in self.candidate_terms if t.identity not in used]
+        unused = list_further_terms(self.candidate_terms, current)
         self.report_stage(f"screening {len(unused)} candidates")
         rejections: dict[EffectTerm, str] = {}
         candidates = screen_candidates(
@@ -366,15 +362,6 @@ class ForwardSelection:
                 if self._bic(simplified) <= self._bic(current):
                     return self.simplify(simplified, base_fit)
         return current
-
-
-def select_shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the best effects, the other forms of the effects of the best three candidates, and the best numbers."""
-    leaders = {c.term.identity for c in candidates[:3]}
-    effects = [c for c in candidates if not c.term.number]
-    shortlist = {c.term for k, c in enumerate(effects) if k < SHORTLIST_SIZE or c.term.identity in leaders}
-    numbers = [c for c in candidates if c.term.number][:NUMBER_SHORTLIST_SIZE]
-    return [c for c in candidates if c.term in shortlist or c in numbers]
 
 
 def refit_without_term(data: WeightedData, current: Fit, term: EffectTerm) -> Fit:

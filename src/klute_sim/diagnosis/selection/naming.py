@@ -1,4 +1,4 @@
-"""Obstacles to a name: a parameter at its bound, an impossible part or instrument, a short delay, a coincidence."""
+"""Obstacles to a name: a value at its bound, an impossible part or instrument, a short delay, a coincidence."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
+from klute_sim.diagnosis.fitting.hypothesis import PRIOR_BOUND_SIGMAS, EffectTerm, FitParameter
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.effects.families import instrument
 
@@ -22,7 +22,8 @@ IMPLAUSIBLE_REASON = "would be further off than instruments are"
 """Reason why a large error of an instrument is not named."""
 MAX_INSTRUMENT_LAG_S = 0.1
 """Largest plausible time constant of an instrument [s] (assumed: a filter of 1.6 Hz)."""
-
+DELAY_EFFECTS = frozenset({instrument.SENSOR_LAG.name, instrument.CLOCK_SKEW.name})
+"""Faults of an instrument in time, apart from those of its calibration."""
 MIN_COINCIDENT_CAUSES = 3
 """Number of independent causes that a fit alone cannot prove at once: kinds (number, instrument, device, mechanism,
 body), or faults of numbers and instruments (assumed: three are rarer than one effect outside the catalogue)."""
@@ -31,13 +32,17 @@ body), or faults of numbers and instruments (assumed: three are rarer than one e
 def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
     """Return why the terms of ``fit`` may not be named, without a full stop; '' if they may.
 
-    A parameter at its bound says that the effect is something else, or that it is absent. ``data`` provide the ranges
-    of the channels.
+    A parameter at its bound says that the effect is something else, or that it is absent; an uncertain number at the
+    limit of its declared uncertainty says that something else is wrong. ``data`` provide the ranges of the channels.
     """
     for term, flaw in find_infeasible_terms(fit).items():
         return f"{term} {flaw}"
     for term, parameter, bound in _iterate_bounds_reached(fit):
         return f"{term} has '{parameter.name}' at its bound, {parameter.denormalize(bound):.4g}"
+    numbers = find_numbers_at_limit(fit) if fit.hypothesis.terms else []
+    if numbers:
+        terms = " and ".join(map(str, fit.hypothesis.terms))
+        return f"{terms} would need {numbers[0]} at the limit of its declared uncertainty"
     implausible = find_implausible_instrument(data, fit)
     if implausible:
         return f"{implausible} {IMPLAUSIBLE_REASON}"
@@ -78,8 +83,9 @@ def find_unresolved_delay(data: WeightedData, fit: Fit) -> EffectTerm | None:
     shortest = MIN_DELAY_SAMPLES * float(np.median(intervals)) if intervals else 0.0
     rows = list(zip(fit.hypothesis.parameters, fit.values, strict=True))
     for index, term in enumerate(fit.hypothesis.terms):
-        is_delay = term.effect in (instrument.SENSOR_LAG.name, instrument.CLOCK_SKEW.name)
-        if is_delay and all(abs(value) < shortest for parameter, value in rows if parameter.term_index == index):
+        if term.effect in DELAY_EFFECTS and all(
+            abs(value) < shortest for parameter, value in rows if parameter.term_index == index
+        ):
             return term
     return None
 
@@ -87,6 +93,19 @@ def find_unresolved_delay(data: WeightedData, fit: Fit) -> EffectTerm | None:
 def find_terms_at_bound(fit: Fit) -> list[EffectTerm]:
     """Return the terms of ``fit`` that have a parameter at its bound, each once."""
     return list(dict.fromkeys(term for term, _, _ in _iterate_bounds_reached(fit)))
+
+
+def find_numbers_at_limit(fit: Fit) -> list[str]:
+    """Return the uncertain numbers of ``fit`` that are as far from the declared value as their uncertainty admits.
+
+    A limit of physics, such as a bladder on its braid, is a value like others.
+    """
+    n_declared = len(fit.hypothesis.uncertainties)
+    return [
+        fit.hypothesis.parameters[index].name
+        for index, bound in fit.find_bounds_reached().items()
+        if index < n_declared and math.isclose(abs(bound), PRIOR_BOUND_SIGMAS)
+    ]
 
 
 def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter, float]]:
@@ -125,14 +144,19 @@ def list_kinds(terms: Iterable[EffectTerm]) -> list[str]:
     return sorted({"number" if term.number else term.effect_definition.kind for term in terms})
 
 
+def _identify_fault(term: EffectTerm) -> tuple[str | None, bool]:
+    """Return number or channel of ``term``, and whether a channel is late: gain and offset are one calibration."""
+    return term.number or term.channel, term.effect in DELAY_EFFECTS
+
+
 def describe_coincidence(terms: Iterable[EffectTerm]) -> str:
     """Return why ``terms`` that need :data:`MIN_COINCIDENT_CAUSES` coincidences are not named; '' for fewer.
 
-    Coincidences are kinds of causes, or, without an effect among the terms, wrong numbers and faulty instruments.
+    Coincidences are kinds of causes, or, without an effect among the terms, wrong numbers and faults of instruments.
     """
     terms = tuple(terms)
     kinds = list_kinds(terms)
-    faults = {term.number or term.channel for term in terms}
+    faults = {_identify_fault(term) for term in terms}
     if len(kinds) >= MIN_COINCIDENT_CAUSES:
         causes = f"Causes of {len(kinds)} kinds would be needed at once ({', '.join(kinds)})"
     elif len(faults) >= MIN_COINCIDENT_CAUSES and set(kinds) <= {"number", "instrument"}:

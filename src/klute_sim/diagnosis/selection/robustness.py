@@ -6,9 +6,10 @@ import numpy as np
 
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.selection.bounds import refine_names, simplify_at_bound
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_without_term, select_shortlist
+from klute_sim.diagnosis.selection.candidates import list_further_terms
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_without_term
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
-from klute_sim.diagnosis.selection.screening import screen_candidates
+from klute_sim.diagnosis.selection.screening import screen_candidates, select_shortlist
 
 MAX_REPLACEMENTS = 5
 """Maximum number of candidates that replace a term."""
@@ -62,8 +63,7 @@ def find_smaller_model(search: ForwardSelection, best_fit: Fit) -> Fit | None:
 
 def _refit_replacements(search: ForwardSelection, reduced_fit: Fit, best_fit: Fit, bic_goal: float) -> list[Fit]:
     """Return refits of ``reduced_fit`` with one more term that may reach at least half the gain of ``best_fit``."""
-    used = {t.identity for t in reduced_fit.hypothesis.terms}
-    unused = [t for t in search.candidate_terms if t.identity not in used]
+    unused = list_further_terms(search.candidate_terms, reduced_fit)
     min_gain = 0.5 * (reduced_fit.chi2 - best_fit.chi2)
     promising = [c for c in screen_candidates(search.data, reduced_fit, unused) if c.predicted_gain > min_gain]
     if not promising:

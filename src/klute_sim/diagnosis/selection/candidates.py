@@ -1,0 +1,166 @@
+"""Candidate effects and numbers: what a dataset may show, and what may be added to a fit."""
+
+from collections.abc import Container, Iterable, Sequence
+
+from klute_sim.datasets.dataset import Dataset
+from klute_sim.device.device import Device
+from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
+from klute_sim.diagnosis.data_quality import is_supply_only
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.number_error import (
+    BOUND_SIGMAS,
+    NUMBER_ERROR_NAME,
+    compute_plausible_error,
+    list_error_candidates,
+    list_model_error_candidates,
+)
+from klute_sim.effects import catalogue
+from klute_sim.effects.effect import Effect
+from klute_sim.effects.families import instrument
+from klute_sim.errors import InputError, suggest
+
+
+def check_effect_names(
+    device: Device, only: Sequence[str], exclude: Sequence[str], model_numbers: Iterable[str] = ()
+) -> None:
+    """Raise InputError for an unknown effect or number, and for an effect in ``only`` that ``device`` cannot lack.
+
+    ``model_numbers`` are the names of the numbers of a mechanism's model.
+    """
+    numbers = {NUMBER_ERROR_NAME, *device.spec.collect_values(), *model_numbers}
+    for name in (*only, *exclude):
+        effect = name.partition("@")[0]
+        if effect not in numbers and effect not in catalogue.get_effects():
+            raise InputError(_describe_unknown_name(effect, [*device.spec.collect_values(), *model_numbers]))
+    for name in (name.partition("@")[0] for name in only):
+        if name in numbers:
+            continue
+        if name not in catalogue.get_named_effects():
+            raise InputError(
+                f"'{name}' is not a candidate effect: it is data-driven, and fitted where no effect explains the data"
+            )
+        if name in device.spec.effects:
+            raise InputError(
+                f"device '{device.name}' has effect '{name}' already, so it is not a candidate; remove it from the "
+                f'device file, or list its numbers under [uncertain] (as "effects.{name}.<number>") to refit them'
+            )
+        incompatibility = device.spec.find_incompatibility(name)
+        if incompatibility:
+            raise InputError(f"device '{device.name}': {incompatibility}")
+
+
+def _describe_unknown_name(name: str, numbers: Sequence[str]) -> str:
+    """Return a sentence that lists the effects, or the ``numbers`` where ``name`` is written as one: section.key."""
+    effects = list(catalogue.get_effects())
+    if "." in name:
+        listing = f"the numbers are: {', '.join(numbers)}; 'klute-sim effects' lists the effects"
+    else:
+        listing = (
+            f"the effects are: {', '.join(effects)}; numbers are named as '{numbers[0]}'. To add effects of your own, "
+            "name their file with --catalogue"
+        )
+    return f"there is no effect or number '{name}'; {suggest(name, [*effects, *numbers], listing)}"
+
+
+def list_candidate_terms(
+    data: WeightedData,
+    dataset: Dataset,
+    only: Sequence[str] = (),
+    exclude: Sequence[str] = (),
+) -> list[EffectTerm]:
+    """Return the effects of the catalogue that the device of ``dataset`` may lack and ``data`` may show.
+
+    Numbers that may be wrong follow, those that are declared uncertain among them: they may be wrong by more than that
+    (:func:`list_contradicted_numbers`). ``only`` and ``exclude`` are names of effects or numbers, or of an effect on
+    one channel, number or tendon (``sensor_gain@force``). Raises InputError for such a name without a candidate.
+    """
+    terms = _list_all_terms(data, dataset)
+    known = {term.qualified_name for term in terms}
+    for name in (*only, *exclude):
+        if "@" in name and name not in known:
+            raise InputError(f"'{name}' is no candidate for these data; {suggest(name, known, 'see verdict.json')}")
+    return [term for term in terms if (not only or _is_among(term, only)) and not _is_among(term, exclude)]
+
+
+def _is_among(term: EffectTerm, names: Container[str]) -> bool:
+    return term.effect in names or term.qualified_name in names or (term.number is not None and term.number in names)
+
+
+def list_further_terms(candidate_terms: Iterable[EffectTerm], current: Fit) -> list[EffectTerm]:
+    """Return those of ``candidate_terms`` that may be added to ``current``.
+
+    An error of a number that is declared uncertain is among them only where ``current`` contradicts the declaration.
+    """
+    used = {term.identity for term in current.hypothesis.terms}
+    closed = dict(current.hypothesis.uncertainties).keys() - list_contradicted_numbers(current)
+    return [term for term in candidate_terms if term.identity not in used and term.number not in closed]
+
+
+def list_contradicted_numbers(fit: Fit) -> set[str]:
+    """Return the uncertain numbers of the device that the data contradict, although their plausible errors do not.
+
+    These end at their bound in ``fit``, and :data:`BOUND_SIGMAS` plausible errors reach beyond it.
+    """
+    hypothesis = fit.hypothesis
+    at_bound = (hypothesis.parameters[index] for index in fit.find_bounds_reached())
+    return {
+        parameter.name
+        for parameter in at_bound
+        if parameter.name in hypothesis.device.spec.collect_values()
+        and BOUND_SIGMAS * compute_plausible_error(parameter.name, parameter.initial)
+        > parameter.upper - parameter.initial
+    }
+
+
+def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
+    device = dataset.device
+    terms = []
+    for effect in catalogue.get_named_effects().values():
+        if not device.spec.can_add_effect(effect):
+            continue
+        if is_supply_only(data.experiments) and not acts_on_pressure(effect):
+            continue
+        if effect.kind == "device" or (effect.kind == "body" and data.experiments[0].has_body):
+            terms += [EffectTerm(effect.name, form.name) for form in device.spec.list_candidate_forms(effect)]
+            if effect.kind == "device" and len(data.experiments[0].devices) > 1:  # one device may have what others lack
+                tendons = data.experiments[0].devices
+                terms += [EffectTerm(effect.name, effect.forms[0].name, tendon=tendon) for tendon in tendons]
+        elif effect.kind == "mechanism":
+            terms += _list_mechanism_terms(effect, data.experiments[0], dataset)
+        elif effect.kind == "instrument":
+            # Quantisation is detected without a simulation.
+            channels = [c for c in data.noise if c in CHANNEL_UNITS and effect is not instrument.QUANTIZATION]
+            terms += [EffectTerm(effect.name, effect.forms[0].name, c) for c in channels]
+    numbers = list_error_candidates(device.spec)
+    if is_supply_only(data.experiments):
+        numbers = {key: error for key, error in numbers.items() if key.partition(".")[0] in PNEUMATIC_SECTIONS}
+    model_numbers = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))
+    return terms + [EffectTerm(NUMBER_ERROR_NAME, "value", number=key) for key in (*numbers, *model_numbers)]
+
+
+def _list_mechanism_terms(effect: Effect, experiment: Experiment, dataset: Dataset) -> list[EffectTerm]:
+    """Return ``effect`` in each form on each part of the mechanism that may have it.
+
+    A form that is the same as a number of a joint is a candidate where this number is 0 and not fitted: elsewhere the
+    number itself is fitted or tested.
+    """
+    parts = experiment.parts.get(effect.part, ())
+    if effect.part == "position channel":
+        return [EffectTerm(effect.name, form.name, channel) for form in effect.forms for channel in parts]
+    terms = []
+    for part in parts:
+        for form in effect.forms:
+            number = f"model.joint.{part}.{form.replaces_number}"
+            if form.replaces_number and (dataset.model_values.get(number) or number in dataset.uncertainties):
+                continue
+            terms.append(EffectTerm(effect.name, form.name, part=part or None))
+    return terms
+
+
+def acts_on_pressure(effect: Effect) -> bool:
+    """Return whether ``effect`` changes the pressure in the muscle, or is a fault of an instrument."""
+    hooks = {hook for form in effect.forms for hook in form.laws}
+    acts_on_command = not hooks or bool(hooks & {"pressure_target", "pressure_reached"})  # a dead time has no law
+    return effect.acts_in_supply or effect.kind == "instrument" or acts_on_command
