@@ -60,7 +60,12 @@ def describe_contradicted_numbers(fit: Fit) -> list[str]:
     """Return a sentence for each wrong number that was declared uncertain, by less than it is wrong."""
     deviations = dict(fit.hypothesis.uncertainties)
     rows = zip(fit.hypothesis.parameters, fit.values, strict=True)
-    wrong = [(p, value, deviations[p.name]) for p, value in rows if p.term_index is not None and p.name in deviations]
+    terms = fit.hypothesis.terms
+    wrong = [
+        (p, value, deviations[p.name])
+        for p, value in rows
+        if p.term_index is not None and p.name in deviations and terms[p.term_index].specimen is None
+    ]
     return [
         f"{p.name} is declared as {p.initial:.4g} with a standard deviation of {deviation:.3g}; the fitted value "
         f"is {abs(value - p.initial) / deviation:.1f} standard deviations away."

@@ -319,7 +319,7 @@ def _list_numbers(
 
 
 def _detach_setup(fit: Fit, dataset: Dataset) -> tuple[Hypothesis, Array]:
-    """Return the hypothesis and the parameters of ``fit`` without instruments and registration."""
+    """Return the hypothesis and the parameters of ``fit`` without instruments, registration and single specimens."""
     hypothesis = fit.hypothesis
     known = dataset.device.spec.collect_values()
     values = hypothesis.values(fit.x)
@@ -331,7 +331,7 @@ def _detach_setup(fit: Fit, dataset: Dataset) -> tuple[Hypothesis, Array]:
             )
     if hypothesis.mechanism_numbers:
         hypothesis = _declare_mechanism_numbers(hypothesis, dataset)
-    retained = [term.channel is None for term in hypothesis.terms]
+    retained = [term.channel is None and term.specimen is None for term in hypothesis.terms]
     terms = tuple(term for term, keep in zip(hypothesis.terms, retained, strict=True) if keep)
     n_numbers = len(hypothesis.uncertainties)
     is_kept = [

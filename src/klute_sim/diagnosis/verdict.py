@@ -170,6 +170,8 @@ def _list_effect_entries(
             entry["tendon"] = term.tendon
         if term.part is not None:
             entry["part"] = term.part
+        if term.specimen is not None:
+            entry["specimen"] = term.specimen
         if term.effect_definition.data_driven:
             entry |= {"data_driven": True, "formula": format_formula(final_fit)}
         elif diagnosis.verdict in ("unexplained", "insufficient-data"):

@@ -56,7 +56,13 @@ from klute_sim.diagnosis.remarks import (
     describe_refitted_numbers,
 )
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
-from klute_sim.diagnosis.selection.candidates import check_effect_names, list_candidate_terms
+from klute_sim.diagnosis.selection.candidates import (
+    check_effect_names,
+    list_candidate_terms,
+    list_specimen_numbers,
+    select_by_name,
+)
+from klute_sim.diagnosis.selection.deviating_specimen import find_deviating_specimen
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import has_several_specimens
 from klute_sim.types import ProgressCallback
@@ -300,7 +306,9 @@ def _select_model(
     if is_tolerated or not is_unclear:
         selected = select_adequate_model(search, base_fit, final_fit, options, progress)
     else:
-        selected = select_decisive_term(search, base_fit, final_fit, options, progress)
+        selected = _select_deviating_specimen(search, base_fit, options, progress)
+        if selected is None:
+            selected = select_decisive_term(search, base_fit, final_fit, options, progress)
     if selected is not None:
         return selected
     progress(0.5, "predicting conditions that are left out")
@@ -322,6 +330,24 @@ def _select_model(
     if decision.verdict in ("identified-in-part", "indistinguishable"):
         return select_imperfect_model(search, base_fit, selection, result, decision, options, progress)
     return select_proxies(search, base_fit, final_fit, result, decision, options, progress)
+
+
+def _select_deviating_specimen(
+    search: ForwardSelection, base_fit: Fit, options: DiagnosisOptions, progress: ProgressCallback
+) -> FinalModel | None:
+    """Return the model in which a number of one specimen is wrong; None where it does not reach the noise."""
+    data, device = search.data, base_fit.hypothesis.device
+    is_bench = not data.experiments[0].has_body and not data.experiments[0].devices
+    numbers = list_specimen_numbers(data.experiments, device) if is_bench and search.has_repeats else []
+    numbers = select_by_name(numbers, options.only, options.exclude)
+    extended = find_deviating_specimen(search, numbers) if numbers else None
+    if extended is None:
+        return None
+    selected = select_adequate_model(extended, base_fit, extended.history[-1].refits[0], options, progress)
+    if selected is None or selected.verdict == "unexplained":
+        return None
+    search.history, search.candidate_terms = extended.history, extended.candidate_terms
+    return selected
 
 
 def _propose_next_experiment(data: WeightedData, dataset: Dataset, final_fit: Fit, rival: Fit) -> dict[str, Any] | None:

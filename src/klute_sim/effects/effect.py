@@ -86,7 +86,8 @@ class EffectParameter:
     source: str
     """Source of range and typical value; begins with 'assumed' if neither is published."""
     physical_limits: tuple[float, ...] = ()
-    """Ends of the range where physics ends, too, as those of isothermal and adiabatic change: a fit may end there."""
+    """Ends of the range where physics ends, too, as those of isothermal and adiabatic change, or where a part of the
+    effect is absent: a fit may end there."""
     diameter_exponent: float = 0.0
     """Power of the muscle's diameter with which the value changes in an otherwise equal muscle of another diameter; 0
     for ratios and where the law itself contains the diameter."""

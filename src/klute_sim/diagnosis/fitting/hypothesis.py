@@ -58,11 +58,15 @@ class EffectTerm(NamedTuple):
     """Tendon of the only device of a mechanism that has the effect; None: all devices have it."""
     part: str | None = None
     """Joint or pulley of a mechanism that has the effect; None for other effects."""
+    specimen: str | None = None
+    """The only specimen whose number is wrong; None: that of all specimens is."""
+    declared: float | None = None
+    """The number that the file states for this specimen, in its unit; None where there is none."""
 
     @property
     def identity(self) -> tuple[str | None, ...]:
-        """What the term stands for, whatever its form: effect, channel, number, tendon and part."""
-        return self.effect, self.channel, self.number, self.tendon, self.part
+        """What the term stands for, whatever its form: effect, channel, number, tendon, part and specimen."""
+        return self.effect, self.channel, self.number, self.tendon, self.part, self.specimen
 
     @property
     def owner(self) -> str | None:
@@ -73,7 +77,8 @@ class EffectTerm(NamedTuple):
     def qualified_name(self) -> str:
         """The effect with its number or owner, as in ``verdict.json`` and for ``--exclude``."""
         owner = self.number or self.owner
-        return f"{self.effect}@{owner}" if owner else self.effect
+        name = f"{self.effect}@{owner}" if owner else self.effect
+        return f"{name}@{self.specimen}" if self.specimen else name
 
     @property
     def effect_definition(self) -> Effect:
@@ -97,7 +102,7 @@ class EffectTerm(NamedTuple):
     def __str__(self) -> str:
         """Return effect, form (where there are several) and owner, or the number that may be wrong."""
         if self.number:
-            return self.number
+            return f"{self.number} of specimen '{self.specimen}'" if self.specimen else self.number
         owner = f" of {self.owner}" if self.owner else ""
         if len(self.effect_definition.forms) == 1:
             return f"{self.effect}{owner}"
@@ -161,14 +166,14 @@ class Hypothesis:
             )
         for index, term in enumerate(self.terms):
             if term.number:
-                parameters.append(self._make_number_parameter(term.number, index))
+                parameters.append(self._make_number_parameter(term.number, index, term.declared))
             else:
                 parameters += [self._make_parameter(p, index, term) for p in term.parameters]
         return tuple(parameters)
 
-    def _make_number_parameter(self, key: str, term_index: int) -> FitParameter:
+    def _make_number_parameter(self, key: str, term_index: int, declared: float | None) -> FitParameter:
         nominal_values = {**self.device.spec.collect_values(), **dict(self.mechanism_numbers)}
-        nominal = nominal_values[key]
+        nominal = nominal_values[key] = nominal_values[key] if declared is None else declared
         error = compute_plausible_error(key, nominal)
         lower, upper = _limit_number(key, nominal_values, BOUND_SIGMAS * error)
         return FitParameter(name=key, term_index=term_index, initial=nominal, scale=error, lower=lower, upper=upper)
@@ -220,19 +225,24 @@ class Hypothesis:
     def collect_numbers(self, values: Sequence[float]) -> dict[str, float]:
         """Return ``section.key`` -> fitted number of the device for parameter ``values``, each in its own unit.
 
-        An uncertain number may be wrong by more than its declared uncertainty; then its two changes add.
+        An uncertain number may be wrong by more than its declared uncertainty; then its two changes add. Numbers that
+        are wrong for one specimen are not those of the device.
         """
         other_names, numbers = dict(self.mechanism_numbers), dict[str, float]()
         for parameter, value in zip(self.parameters, values, strict=True):
             is_number = (
                 not parameter.name.startswith(REGISTRATION_PREFIX)
                 if parameter.term_index is None
-                else self.terms[parameter.term_index].number is not None
+                else self._is_number_of_device(self.terms[parameter.term_index])
             )
             if is_number and parameter.name not in other_names:
                 shift = numbers.get(parameter.name, parameter.initial) - parameter.initial
                 numbers[parameter.name] = value + shift
         return numbers
+
+    @staticmethod
+    def _is_number_of_device(term: EffectTerm) -> bool:
+        return term.number is not None and term.specimen is None
 
     def collect_mechanism_numbers(self, values: Sequence[float]) -> dict[str, float]:
         """Return name -> fitted number of the mechanism for parameter ``values``, each in its own unit."""
@@ -262,12 +272,14 @@ class Hypothesis:
         start = len(self.uncertainties)
         errors = values[start : start + len(self.registration)]
         registration = tuple(error * factor for error, factor in zip(errors, SI_FACTORS, strict=False))
-        built: dict[tuple[str | None, str], tuple[DeviceParameters, list[BodyEdit]]] = {}  # most trials share a device
+        # Most trials share a device.
+        built: dict[tuple[str | None, str, str], tuple[DeviceParameters, list[BodyEdit]]] = {}
+        specimens = {term.specimen for term in self.terms}
 
-        def build(device: Device, tendon: str | None) -> tuple[DeviceParameters, list[BodyEdit]]:
-            key = tendon, device.digest
+        def build(device: Device, tendon: str | None, specimen: str) -> tuple[DeviceParameters, list[BodyEdit]]:
+            key = tendon, device.digest, specimen if specimen in specimens else ""
             if key not in built:
-                corrected = self.correct_numbers(device, tendon, values)
+                corrected = self.correct_numbers(device, tendon, values, specimen)
                 spec = replace_values(device.spec, corrected)
                 added = {(t.effect, t.form): p for t, p in device_effects if t.tendon in (None, tendon)}
                 effects = catalogue.pack_effects(_select_effects(spec, "device") | added)
@@ -279,25 +291,27 @@ class Hypothesis:
         setups = []
         for experiment in experiments:
             imperfect = tuple(sensor for sensor in sensors if sensor.channel not in experiment.trusted)
-            parameters, own_body_edits = build(experiment.device, None)
+            parameters, own_body_edits = build(experiment.device, None, experiment.specimen)
             setups.append(
                 SimulationSetup(
                     parameters,
                     imperfect,
                     (*own_body_edits, *body_edits),
                     registration,
-                    tuple(build(device, tendon)[0] for tendon, device in experiment.devices.items()),
+                    tuple(build(device, tendon, "")[0] for tendon, device in experiment.devices.items()),
                     tuple(experiment.correct_model_numbers(changes).items()),
                     tuple(model_effects),
                 )
             )
         return setups
 
-    def correct_numbers(self, device: Device, tendon: str | None, values: Sequence[float]) -> dict[str, float]:
+    def correct_numbers(
+        self, device: Device, tendon: str | None, values: Sequence[float], specimen: str | None = None
+    ) -> dict[str, float]:
         """Return ``section.key`` -> number of ``device`` on ``tendon`` (None: no mechanism) at parameter ``values``.
 
         A number that a trial or a tendon overrides has the same relative error as that of the dataset's device. An
-        error of the device on one tendon is added to those of all.
+        error of the device on one tendon, or of ``specimen`` (None: none in particular), is added to those of all.
         """
         nominal, own_values = self.device.spec.collect_values(), device.spec.collect_values()
         corrected = {
@@ -310,6 +324,11 @@ class Hypothesis:
             owner, separator, key = name.partition(DEVICE_SEPARATOR)
             if separator and owner == tendon:
                 corrected[key] = corrected.get(key, own_values[key]) + value - declared[name]
+        for parameter, value in zip(self.parameters, values, strict=True):
+            term = None if parameter.term_index is None else self.terms[parameter.term_index]
+            if term is not None and term.specimen is not None and term.specimen == specimen:
+                corrected[parameter.name] = corrected.get(parameter.name, own_values[parameter.name])
+                corrected[parameter.name] += value - parameter.initial
         wrong = {term.number.rpartition(DEVICE_SEPARATOR)[2] for term in self.terms if term.number}
         return complete_numbers(own_values, corrected, wrong)
 

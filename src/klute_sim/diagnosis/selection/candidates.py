@@ -21,6 +21,15 @@ from klute_sim.effects.effect import Effect
 from klute_sim.effects.families import instrument
 from klute_sim.errors import InputError, suggest
 
+SPECIMEN_NUMBERS = (
+    "muscle.resting_length_mm",
+    "muscle.turns_per_m",
+    "muscle.bladder_radius_mm",
+    "muscle.c10_kpa",
+    "tendon.slack_length_mm",
+)
+"""Numbers that may be wrong for one specimen only (assumed: those that are made or measured specimen by specimen)."""
+
 
 def check_effect_names(
     device: Device, only: Sequence[str], exclude: Sequence[str], model_numbers: Iterable[str] = ()
@@ -81,6 +90,11 @@ def list_candidate_terms(
     for name in (*only, *exclude):
         if "@" in name and name not in known:
             raise InputError(f"'{name}' is no candidate for these data; {suggest(name, known, 'see verdict.json')}")
+    return select_by_name(terms, only, exclude)
+
+
+def select_by_name(terms: Iterable[EffectTerm], only: Sequence[str], exclude: Sequence[str]) -> list[EffectTerm]:
+    """Return those of ``terms`` that are named in ``only`` (empty: all) and not in ``exclude``."""
     return [term for term in terms if (not only or _is_among(term, only)) and not _is_among(term, exclude)]
 
 
@@ -91,11 +105,16 @@ def _is_among(term: EffectTerm, names: Container[str]) -> bool:
 def list_further_terms(candidate_terms: Iterable[EffectTerm], current: Fit) -> list[EffectTerm]:
     """Return those of ``candidate_terms`` that may be added to ``current``.
 
-    An error of a number that is declared uncertain is among them only where ``current`` contradicts the declaration.
+    An error of a number that is declared uncertain is among them only where ``current`` contradicts the declaration,
+    or where it is that of one specimen: the declared uncertainty is that of all together.
     """
     used = {term.identity for term in current.hypothesis.terms}
     closed = dict(current.hypothesis.uncertainties).keys() - list_contradicted_numbers(current)
-    return [term for term in candidate_terms if term.identity not in used and term.number not in closed]
+    return [
+        term
+        for term in candidate_terms
+        if term.identity not in used and (term.specimen is not None or term.number not in closed)
+    ]
 
 
 def list_contradicted_numbers(fit: Fit) -> set[str]:
@@ -157,6 +176,22 @@ def _list_mechanism_terms(effect: Effect, experiment: Experiment, dataset: Datas
                 continue
             terms.append(EffectTerm(effect.name, form.name, part=part or None))
     return terms
+
+
+def list_specimen_numbers(experiments: Sequence[Experiment], device: Device) -> list[EffectTerm]:
+    """Return the errors of :data:`SPECIMEN_NUMBERS` of each specimen of ``experiments``; none where they are all one.
+
+    ``device`` is that of the dataset; trials may override its numbers.
+    """
+    numbers = [key for key in list_error_candidates(device.spec) if key in SPECIMEN_NUMBERS]
+    devices = {e.specimen: e.device for e in experiments}
+    if len(devices) < 2:
+        return []
+    return [
+        EffectTerm(NUMBER_ERROR_NAME, "value", number=key, specimen=specimen, declared=own.spec.collect_values()[key])
+        for specimen, own in devices.items()
+        for key in numbers
+    ]
 
 
 def acts_on_pressure(effect: Effect) -> bool:

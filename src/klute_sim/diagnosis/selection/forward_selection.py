@@ -277,11 +277,14 @@ class ForwardSelection:
         """Return the relative fall of chi squared from ``before`` to ``after`` in each validation group.
 
         Without validation trials, each fitted group in turn is left out and both models are refitted to the others.
+        Only groups of its specimen tell anything about a number of one specimen.
         """
-        if not self.validation_data:
-            return self._compute_cross_validation_gains(before, after)
+        specimen = after.hypothesis.terms[-1].specimen if after.hypothesis.terms else None
+        validation_data = [data for data in self.validation_data if specimen in (None, data.experiments[0].specimen)]
+        if not validation_data:
+            return self._compute_cross_validation_gains(before, after, specimen)
         gains = {}
-        for data in self.validation_data:
+        for data in validation_data:
             chi2 = []
             for fit in (before, after):
                 (residuals,) = data.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)
@@ -290,12 +293,14 @@ class ForwardSelection:
             gains[data.experiments[0].group] = 1.0 - chi2[1] / chi2[0]
         return gains
 
-    def _compute_cross_validation_gains(self, before: Fit, after: Fit) -> dict[str, float]:
+    def _compute_cross_validation_gains(self, before: Fit, after: Fit, specimen: str | None) -> dict[str, float]:
         groups = group_repeats(self.data.experiments)
         if len(groups) < 2:
             return {}
         gains = {}
-        for group in groups:
+        for group, members in groups.items():
+            if specimen not in (None, self.data.experiments[members[0]].specimen):
+                continue
             training = self.data.with_experiments([e for e in self.data.experiments if e.group != group])
             held_out = self.data.with_experiments([e for e in self.data.experiments if e.group == group])
             chi2 = []

@@ -32,8 +32,9 @@ body), or faults of numbers and instruments (assumed: three are rarer than one e
 def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
     """Return why the terms of ``fit`` may not be named, without a full stop; '' if they may.
 
-    A parameter at its bound says that the effect is something else, or that it is absent; an uncertain number at the
-    limit of its declared uncertainty says that something else is wrong. ``data`` provide the ranges of the channels.
+    A parameter at its bound says that the effect is something else, or that it is absent; an uncertain number, or the
+    registration of a walk, at the limit of its uncertainty says that something else is wrong. ``data`` provide the
+    ranges of the channels.
     """
     for term, flaw in find_infeasible_terms(fit).items():
         return f"{term} {flaw}"
@@ -42,7 +43,7 @@ def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
     numbers = find_numbers_at_limit(fit) if fit.hypothesis.terms else []
     if numbers:
         terms = " and ".join(map(str, fit.hypothesis.terms))
-        return f"{terms} would need {numbers[0]} at the limit of its declared uncertainty"
+        return f"{terms} would need {numbers[0]} at the limit of its uncertainty"
     implausible = find_implausible_instrument(data, fit)
     if implausible:
         return f"{implausible} {IMPLAUSIBLE_REASON}"
@@ -96,15 +97,14 @@ def find_terms_at_bound(fit: Fit) -> list[EffectTerm]:
 
 
 def find_numbers_at_limit(fit: Fit) -> list[str]:
-    """Return the uncertain numbers of ``fit`` that are as far from the declared value as their uncertainty admits.
+    """Return what ``fit`` moves as far as its uncertainty admits: declared numbers, and the registration of a walk.
 
     A limit of physics, such as a bladder on its braid, is a value like others.
     """
-    n_declared = len(fit.hypothesis.uncertainties)
     return [
         fit.hypothesis.parameters[index].name
         for index, bound in fit.find_bounds_reached().items()
-        if index < n_declared and math.isclose(abs(bound), PRIOR_BOUND_SIGMAS)
+        if index < fit.hypothesis.n_prior_parameters and math.isclose(abs(bound), PRIOR_BOUND_SIGMAS)
     ]
 
 

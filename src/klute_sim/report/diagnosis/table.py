@@ -53,7 +53,7 @@ def build_added_term_tables(diagnosis: Diagnosis, final_fit: Fit) -> list[Table]
                 unit = text.format_parameter_name(parameter, term.channel)[1]
                 cells = (value_text, f"{lower} to {upper}", unit or "-")
                 if term.number:
-                    numbers.add_row(parameter.name, text.format_number(parameter.initial), *cells)
+                    numbers.add_row(str(term), text.format_number(parameter.initial), *cells)
                 else:
                     effects.add_row(str(term), parameter.name, *cells)
     return [table for table in (effects, numbers) if table.row_count]

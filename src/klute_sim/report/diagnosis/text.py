@@ -84,7 +84,8 @@ def format_term(term: EffectTerm) -> str:
         return f"{number} of the {element} '{name}'"
     if term.number:
         section, _, key = term.number.partition(".")
-        return f"{split_key(key)[0]} of the {section}"
+        specimen = f" of specimen '{term.specimen}'" if term.specimen else ""
+        return f"{split_key(key)[0]} of the {section}{specimen}"
     form = f" ({humanize_identifier(term.form)})" if len(term.effect_definition.forms) > 1 else ""
     owner = f" of {humanize_identifier(term.owner)}" if term.owner else ""
     return f"{humanize_identifier(term.effect)}{form}{owner}"

@@ -137,6 +137,7 @@ END_TAPER = Effect(
                     upper=20.0,
                     typical=4.0,
                     source="Tondu and Lopez 2000: a (quoted from memory)",
+                    physical_limits=(0.0,),
                 ),
             ),
             laws={"muscle_force": contraction_force},

@@ -58,6 +58,7 @@ _OFFSET_PARAMETER = EffectParameter(
     upper=500.0,
     typical=25.0,
     source="measured 10 mm muscles: 20-40 N per actuator (docs/real-data.md)",
+    physical_limits=(0.0,),
 )
 
 PASSIVE_TENSION = Effect(
