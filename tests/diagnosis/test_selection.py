@@ -71,6 +71,7 @@ def test_shortlist_has_all_forms_of_a_promising_effect() -> None:
 def test_candidates_exclude_effects_of_the_device(fitted_data: tuple) -> None:
     data, weighted_data, _ = fitted_data
     names = {t.effect for t in list_candidate_terms(weighted_data, data)}
+    assert not any((t.number or "").startswith("mounting.") for t in list_candidate_terms(weighted_data, data))
     assert "bladder" not in names
     assert {"end_taper", "sensor_gain"} <= names
     assert {t.channel for t in list_candidate_terms(weighted_data, data) if t.effect == "sensor_gain"} == {

@@ -24,7 +24,8 @@ from klute_sim.diagnosis.experiments import bench as experiments_bench
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.fitting.hypothesis import Hypothesis, replace_values
+from klute_sim.diagnosis.fitting.dependent_numbers import replace_values
+from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise

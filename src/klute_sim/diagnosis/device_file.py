@@ -3,6 +3,7 @@
 from typing import Any
 
 from klute_sim.device.device import Device, parse_device, set_number
+from klute_sim.diagnosis.fitting.dependent_numbers import hold_mounting
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.files.toml import format_toml, parse_toml
 
@@ -18,7 +19,8 @@ def augment_device(fit: Fit, source: str, device: Device | None = None, tendon: 
     content: dict[str, Any] = parse_toml(device.content, f"device {device.name}")
     note = f"fitted by klute-sim diagnose to {source}"
     numbers = hypothesis.list_fitted_keys(tendon)
-    for key, value in hypothesis.correct_numbers(device, tendon, values).items():
+    corrected = hypothesis.correct_numbers(device, tendon, values)
+    for key, value in hold_mounting(device.spec.collect_values(), corrected).items():
         set_number(
             content, key, value, note if key in numbers else f"{note}: follows from the numbers that were fitted"
         )

@@ -2,12 +2,16 @@
 
 The braid lies on the bladder, so the bladder radius follows an uncertain braid length and uncertain turns unless it is
 fitted itself. If braid length or turns are wrong in the file, the radius stays: it was measured by itself. The wall
-leaves room for air; no number leaves the range of the device file.
+leaves room for air; no number leaves the range of the device file. A device that is built into an ankle stays where it
+is mounted.
 """
 
 import math
 from collections.abc import Collection, Mapping
+from typing import Any
 
+from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.schema.document import DeviceSpec
 from klute_sim.device.schema.limits import find_limits
 from klute_sim.device.schema.muscle import MAX_RADIUS_MISMATCH, MIN_GAS_FRACTION
 from klute_sim.laws import mckibben
@@ -16,6 +20,9 @@ RELATION_MARGIN = 0.02
 """Fraction by which dependent numbers stay inside their limits, so that rounding does not cross them."""
 RADIUS, THICKNESS = "muscle.bladder_radius_mm", "muscle.bladder_thickness_mm"
 BRAID_RATIO, TURNS = "muscle.braid_length_ratio", "muscle.turns_per_m"
+
+RESTING_LENGTH, SLACK_LENGTH = "muscle.resting_length_mm", "tendon.slack_length_mm"
+NEUTRAL_RATIO = "mounting.neutral_muscle_ratio"
 
 
 def complete_numbers(
@@ -49,6 +56,35 @@ def complete_numbers(
     return changed
 
 
+def hold_mounting(values: Mapping[str, float], corrected: Mapping[str, float]) -> dict[str, float]:
+    """Return ``corrected`` with the neutral ratio at which the device is as long at a neutral ankle as in ``values``.
+
+    Both are ``section.key`` -> value in the unit of the key. A muscle or tendon whose length was wrong is mounted where
+    it was. The ratio stays where it is corrected itself, and where no length is.
+    """
+    lengths = {RESTING_LENGTH, SLACK_LENGTH}
+    is_mounted = {NEUTRAL_RATIO, SLACK_LENGTH} <= values.keys()
+    if not is_mounted or NEUTRAL_RATIO in corrected or not corrected.keys() & lengths:
+        return dict(corrected)
+    mounting_length = values[NEUTRAL_RATIO] * values[RESTING_LENGTH] + values[SLACK_LENGTH]
+    new = {**values, **corrected}
+    ratio = (mounting_length - new[SLACK_LENGTH]) / new[RESTING_LENGTH]
+    lower, upper = find_limits(NEUTRAL_RATIO)
+    return {**corrected, NEUTRAL_RATIO: min(max(ratio, lower), upper)}
+
+
+def move_mounting(parameters: DeviceParameters, declared: DeviceSpec, corrected: DeviceSpec) -> DeviceParameters:
+    """Return ``parameters`` of the ``corrected`` device where it is mounted further from or closer to the heel.
+
+    A walk has the distance that the ``declared`` mounting gives; a longer one is the same as a shorter tendon.
+    """
+    if declared.mounting is None or corrected.mounting is None:
+        return parameters
+    change = corrected.mounting.neutral_muscle_ratio - declared.mounting.neutral_muscle_ratio
+    tendon, shift = parameters.tendon, change * parameters.muscle.resting_length
+    return parameters._replace(tendon=tendon._replace(slack_length=tendon.slack_length - shift))
+
+
 def limit_to_valid(values: Mapping[str, float], key: str, lower: float, upper: float) -> tuple[float, float]:
     """Return the part of the range from ``lower`` to ``upper`` in which number ``key`` has an influence of its own.
 
@@ -63,3 +99,20 @@ def limit_to_valid(values: Mapping[str, float], key: str, lower: float, upper: f
 def _compute_radius_at_rest(values: Mapping[str, float]) -> float:
     """Return the radius [mm] of the braid at rest; a muscle of 1 m has the same."""
     return 1e3 * mckibben.compute_braid_radius(values[BRAID_RATIO], 1.0, values[TURNS])
+
+
+def replace_values(spec: DeviceSpec, new_values: Mapping[str, float]) -> DeviceSpec:
+    """Return ``spec`` with ``new_values`` (``section.key`` -> value), without validation."""
+    sections: dict[str, dict[str, Any]] = {}
+    for key, value in new_values.items():
+        section, _, name = key.partition(".")
+        sections.setdefault(section, {})[name] = value
+    effects = sections.pop("effects", {})
+    update: dict[str, Any] = {s: getattr(spec, s).model_copy(update=values) for s, values in sections.items()}
+    if effects:
+        content = {name: dict(values) for name, values in spec.effects.items()}
+        for path, value in effects.items():
+            name, _, key = path.partition(".")
+            content[name][key] = value
+        update["effects"] = content
+    return spec.model_copy(update=update)

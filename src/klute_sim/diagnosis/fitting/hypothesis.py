@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,12 @@ from klute_sim.diagnosis.experiments.base import (
     SimulationSetup,
 )
 from klute_sim.diagnosis.experiments.registration import REGISTRATION_PREFIX, SI_FACTORS
-from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers, limit_to_valid
+from klute_sim.diagnosis.fitting.dependent_numbers import (
+    complete_numbers,
+    limit_to_valid,
+    move_mounting,
+    replace_values,
+)
 from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, compute_plausible_error, make_number_effect
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
@@ -283,7 +288,10 @@ class Hypothesis:
                 spec = replace_values(device.spec, corrected)
                 added = {(t.effect, t.form): p for t, p in device_effects if t.tendon in (None, tendon)}
                 effects = catalogue.pack_effects(_select_effects(spec, "device") | added)
-                built[key] = spec.to_parameters()._replace(effects=effects), _collect_body_edits(spec, corrected)
+                parameters = spec.to_parameters()._replace(effects=effects)
+                if experiments[0].has_body:
+                    parameters = move_mounting(parameters, device.spec, spec)
+                built[key] = parameters, _collect_body_edits(spec, corrected)
             return built[key]
 
         declared = dict(self.mechanism_numbers)
@@ -353,23 +361,6 @@ def _limit_number(key: str, nominal_values: Mapping[str, float], half_range: flo
     lower = max(nominal - half_range, MIN_NUMBER_FRACTION * nominal) if nominal > 0.0 else nominal - half_range
     lower, upper = limit_to_plausible(key, nominal, lower, nominal + half_range)
     return limit_to_valid(nominal_values, key, lower, upper)
-
-
-def replace_values(spec: DeviceSpec, new_values: Mapping[str, float]) -> DeviceSpec:
-    """Return ``spec`` with ``new_values`` (``section.key`` -> value), without validation."""
-    sections: dict[str, dict[str, Any]] = {}
-    for key, value in new_values.items():
-        section, _, name = key.partition(".")
-        sections.setdefault(section, {})[name] = value
-    effects = sections.pop("effects", {})
-    update: dict[str, Any] = {s: getattr(spec, s).model_copy(update=values) for s, values in sections.items()}
-    if effects:
-        content = {name: dict(values) for name, values in spec.effects.items()}
-        for path, value in effects.items():
-            name, _, key = path.partition(".")
-            content[name][key] = value
-        update["effects"] = content
-    return spec.model_copy(update=update)
 
 
 def _select_effects(spec: DeviceSpec, kind: str) -> dict[tuple[str, str], dict[str, float]]:

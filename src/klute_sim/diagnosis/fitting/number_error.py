@@ -50,6 +50,7 @@ PLAUSIBLE_ERRORS = {
     "damper.oil_density_kg_m3": PlausibleError(relative=0.02, source="assumed: data sheet and temperature"),
     "tendon.slack_length_mm": PlausibleError(2.0, 0.0, "assumed: assembly, knots and crosshead zero"),
     "tendon.engagement_mm": PlausibleError(0.5, 0.0, "assumed: assembly"),
+    "mounting.neutral_muscle_ratio": PlausibleError(0.01, 0.0, "assumed: assembly, a few millimetres"),
     "supply.rate_bar_per_s": PlausibleError(relative=0.2, source="assumed: depends on tubes and fittings"),
     "supply.gas_temperature_c": PlausibleError(3.0, 0.0, "assumed: a room over a day"),
     "supply.dead_volume_cm3": PlausibleError(relative=0.2, source="assumed: tubes and fittings"),

@@ -53,6 +53,9 @@ NUMBER_METHODS: Mapping[str, MeasurementMethod] = {
     "tendon.engagement_mm": MeasurementMethod(
         "Measure with a gauge the stretch at which the second spring engages", 0.1
     ),
+    "mounting.neutral_muscle_ratio": MeasurementMethod(
+        "Measure the muscle with the ankle at neutral and the tendon just taut, over its resting length", 1.5e-3
+    ),
     "supply.gas_temperature_c": MeasurementMethod("Read a thermometer in the supply", 0.5),
     "supply.dead_volume_cm3": MeasurementMethod("Fill tubes and fittings with water, and weigh it", 0.0, 0.01),
     "supply.pressure_bar": MeasurementMethod("Read a reference gauge at the supply", 0.0, 3e-3),

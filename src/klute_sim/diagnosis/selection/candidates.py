@@ -155,6 +155,8 @@ def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
     numbers = list_error_candidates(device.spec)
     if is_supply_only(data.experiments):
         numbers = {key: error for key, error in numbers.items() if key.partition(".")[0] in PNEUMATIC_SECTIONS}
+    if not data.experiments[0].has_body:
+        numbers = {key: error for key, error in numbers.items() if not key.startswith("mounting.")}
     model_numbers = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))
     return terms + [EffectTerm(NUMBER_ERROR_NAME, "value", number=key) for key in (*numbers, *model_numbers)]
 
