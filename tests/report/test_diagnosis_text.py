@@ -166,5 +166,13 @@ def test_probabilities_name_their_source(diagnosis: Diagnosis) -> None:
     sentence = words.describe_probabilities(diagnosis)
     assert sentence.startswith("Probabilities, calibrated on ")
     assert "simulated datasets of the benchmark: " in sentence
-    assert "no missing effect as large as the noise " in sentence
+    assert ("all that is missing smaller" if diagnosis.added_terms else "no missing effect as large") in sentence
     assert words.describe_probabilities(replace(diagnosis, verdict="insufficient-data")) == ""
+
+
+def test_effect_that_test_trials_do_not_show_is_as_large_as_in_the_fitted_ones(diagnosis: Diagnosis) -> None:
+    unseen = estimate_probabilities(replace(diagnosis, held_out="not-tested", channel_rms={}))
+    confirmed = estimate_probabilities(replace(diagnosis, held_out="confirmed"))
+    assert unseen.nothing_missing == pytest.approx(confirmed.nothing_missing, abs=0.1)
+    blind = estimate_probabilities(replace(diagnosis, held_out="confirmed", channel_rms={}))
+    assert blind.nothing_missing > unseen.nothing_missing + 0.2

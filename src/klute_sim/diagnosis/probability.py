@@ -52,6 +52,9 @@ def estimate_probabilities(diagnosis: Diagnosis) -> Probabilities | None:
         return None
     calibration = load_calibration()
     size = measure_misfit_size(diagnosis.channel_rms)
+    if diagnosis.added_terms and diagnosis.held_out == "not-tested" and diagnosis.base_fit is not None:
+        # The test trials do not show what is missing.
+        size = max(size, float(np.sqrt(max(0.0, diagnosis.base_fit.chi2 / diagnosis.n_independent - 1.0))))
     # What a tolerance permits may be missing all the same.
     is_tolerated = diagnosis.verdict == "nothing-missing" and not diagnosis.selection_history
     features = list_nothing_features("tolerated" if is_tolerated else diagnosis.verdict, size)
