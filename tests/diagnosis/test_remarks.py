@@ -7,7 +7,7 @@ import pytest
 
 from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import WeightedData
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.diagnosis.remarks import (
@@ -15,6 +15,7 @@ from klute_sim.diagnosis.remarks import (
     describe_exceeded_tolerance,
     describe_excessive_commands,
     describe_refitted_numbers,
+    describe_undetermined_parameters,
 )
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from tests.diagnosis.synthetic_dataset import make_repeats
@@ -55,6 +56,21 @@ def test_number_that_is_wrong_by_more_than_it_is_uncertain_is_compared_with_its_
     (sentence,) = describe_contradicted_numbers(fit)
     assert "standard deviation of 1; the fitted value is 4.0 standard deviations away" in sentence
     assert describe_contradicted_numbers(make_fit(Hypothesis(NOMINAL, ((SLACK, 1.0),), ()), np.zeros(1))) == []
+
+
+def test_parameter_whose_interval_covers_its_range_is_not_determined() -> None:
+    hypothesis = Hypothesis(NOMINAL, ((SLACK, 1.0),), ()).with_term(EffectTerm("hose", "tube"))
+    fit = make_fit(hypothesis, hypothesis.initial_point())
+    keys = [parameter.name for parameter in hypothesis.parameters]
+    narrow = [(parameter.initial, parameter.initial) for parameter in hypothesis.parameters]
+    assert describe_undetermined_parameters(fit, narrow) == []
+    diameter = keys.index("inner_diameter_mm")
+    bounds = hypothesis.parameters[diameter].bounds
+    whole = tuple(hypothesis.parameters[diameter].denormalize(end) for end in bounds)
+    (sentence,) = describe_undetermined_parameters(fit, [*narrow[:diameter], whole, *narrow[diameter + 1 :]])
+    assert sentence.startswith("The data hardly determine 'inner_diameter_mm' of hose (")
+    # Declared numbers have a prior.
+    assert describe_undetermined_parameters(fit, [(0.0, 1e3), *narrow[1:]]) == []
 
 
 @pytest.mark.parametrize(("tolerance_n", "is_exceeded"), [(2.0, True), (20.0, False)])

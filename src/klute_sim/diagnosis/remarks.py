@@ -17,6 +17,9 @@ from klute_sim.units import BAR
 MIN_REPORTED_SIGMAS = 2.0
 """Change of an uncertain number in a fit that the reasons state, in its standard deviations (assumed)."""
 
+MAX_INTERVAL_FRACTION = 0.5
+"""Largest part of the allowed range, logarithmic for a shape, that an interval may cover before the reasons say that
+the value is not determined (assumed)."""
 HIGH_COMMAND_PERCENTILE = 99.0
 """Percentile of the commands of a trial that is compared with the supply; a spike in a log is higher (assumed)."""
 MAX_COMMAND_RATIO = 1.02
@@ -83,6 +86,24 @@ def describe_refitted_numbers(fit: Fit) -> list[str]:
     if not changes:
         return []
     return [f"The fit changes declared numbers, in brackets by how many standard deviations: {', '.join(changes)}."]
+
+
+def describe_undetermined_parameters(fit: Fit, intervals: Sequence[tuple[float, float]]) -> list[str]:
+    """Return a sentence about the parameters of added effects that the data hardly determine; none without any.
+
+    ``intervals`` are the confidence intervals of all parameters of ``fit``, each in its own unit.
+    """
+    found = []
+    for parameter, (low, high) in zip(fit.hypothesis.parameters, intervals, strict=True):
+        term = None if parameter.term_index is None else fit.hypothesis.terms[parameter.term_index]
+        if term is None or term.number or term.effect_definition.data_driven:
+            continue
+        covered = abs(parameter.normalize(high) - parameter.normalize(low))
+        if covered > MAX_INTERVAL_FRACTION * float(np.ptp(parameter.bounds)):
+            found.append(f"'{parameter.name}' of {term} ({low:.3g} to {high:.3g})")
+    if not found:
+        return []
+    return [f"The data hardly determine {', '.join(found)}: they show the effect, not this value."]
 
 
 def describe_exceeded_tolerance(search: ForwardSelection, base_fit: Fit) -> list[str]:
