@@ -1,5 +1,6 @@
 """Screening and selection of effects."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +112,9 @@ def test_validation_trials_reject_effects_that_do_not_improve_them(fitted_data: 
     assert "validation trials get worse: 'fit_1' by" in search.rejection_reason(base, good, gains)
     assert not search.has_misfit(base)  # without misfit, the threshold for an effect is higher
     assert "improve by no more than 10 %" in search.rejection_reason(base, good, {"a": 0.08, "b": 0.11})
+    without_validation = replace(search, validation_data=[])
+    reason = without_validation.rejection_reason(base, good, {"a": 0.08, "b": 0.11})
+    assert "fits, but the fitted groups, each left out in turn, improve by no more than 10 %" in reason
     assert search.rejection_reason(base, good, {"a": 0.5, "b": -0.01}) == ""
     error = type(base)(
         base.hypothesis, base.x, base.weighted_residuals, base.jacobian, True, shift_force(base.residuals, 5.0)

@@ -332,11 +332,12 @@ class ForwardSelection:
                 f"{term} explains no more than noise would (BIC {format_bic_drop(bic_gain, 1)}; a fall of more than "
                 f"{self.bic_threshold:.0f} is required)"
             )
+        trials = "validation trials" if self.validation_data else "the fitted groups, each left out in turn,"
         losses = [f"'{group}' by {-100 * g:.1f} %" for group, g in validation_gains.items() if g < -MAX_VALIDATION_LOSS]
         if losses:
-            return f"{term} fits, but validation trials get worse: {', '.join(losses)}"
+            return f"{term} fits, but {trials} get worse: {', '.join(losses)}"
         if validation_gains and float(np.mean(list(validation_gains.values()))) <= min_gain:
-            return f"{term} fits, but validation trials improve by no more than {100 * min_gain:.0f} %"
+            return f"{term} fits, but {trials} improve by no more than {100 * min_gain:.0f} %"
         return ""
 
     def prune(self, current: Fit, base_fit: Fit) -> Fit:
