@@ -69,6 +69,11 @@ CHANNEL_ALIASES = MappingProxyType({"bench": {"unit_length": "length"}, "gait": 
 CONTACT_FORCE_THRESHOLD = 20.0
 """Vertical force [N] above which the foot is in contact (assumed; common for force plates)."""
 
+MOTION_CHANNELS = ("shank_angle", "ankle_x", "ankle_z")
+"""Prescribed channels of gait whose accelerations move the foot."""
+MAX_MOTION_INTERVAL = 0.02
+"""Largest sampling interval of these [s], for the low-pass filter of a replay at 20 Hz."""
+
 GAP_TOLERANT_CHANNEL = "cop_x"
 """The only prescribed channel that may have gaps: an unloaded foot has no centre of pressure."""
 

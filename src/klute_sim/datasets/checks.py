@@ -5,7 +5,14 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from klute_sim.datasets import unit_conversion
-from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, MechanismChannels, get_column_units
+from klute_sim.datasets.channels import (
+    MAX_MOTION_INTERVAL,
+    MOTION_CHANNELS,
+    TIME_COLUMN,
+    ChannelSource,
+    MechanismChannels,
+    get_column_units,
+)
 from klute_sim.datasets.mechanism import DatasetMechanism
 from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.datasets.trial import Trial, TrialChannels
@@ -28,6 +35,9 @@ from klute_sim.plausibility.gravity import GRAVITY_NAME, check_gravity
 from klute_sim.plausibility.joint_angle import check_joint_angle
 from klute_sim.plausibility.samples import Samples
 from klute_sim.types import Array
+
+MAX_CLOCK_ERROR = 0.01
+"""Largest relative error of the interval between samples that clocks and rounded times have (assumed)."""
 
 
 def find_implausible(rig: ChannelSource, trials: Sequence[Trial], contents: Sequence[TrialChannels]) -> list[Finding]:
@@ -63,6 +73,18 @@ def check_supply(trial: Trial, source: str) -> None:
             f"{source}, trial '{trial.name}': there are pressures, but device '{trial.device.name}' has no [supply]; "
             "add it to the device file, or remove the columns 'pressure' and 'pressure_command'"
         )
+
+
+def check_motion_rate(trial: Trial, source: str) -> None:
+    """Raise InputError where the motion of a gait ``trial`` has too few samples a second for a replay."""
+    for name in MOTION_CHANNELS:
+        interval = trial.prescribed[name].sampling_interval
+        if interval > (1.0 + MAX_CLOCK_ERROR) * MAX_MOTION_INTERVAL:
+            raise InputError(
+                f"{source}, trial '{trial.name}': '{name}' has {1.0 / interval:.3g} samples a second; a replay needs "
+                f"{1.0 / MAX_MOTION_INTERVAL:.0f} or more, because the acceleration of the ankle moves the foot; "
+                "export the motion at the rate of the cameras"
+            )
 
 
 def check_accepted(names: Iterable[str], findings: Iterable[Finding], rig: ChannelSource, device: Device) -> None:

@@ -159,6 +159,8 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     for trial in trials:  # after the checks, which name the unit that a long duration seems to be in
         for series in (*trial.prescribed.values(), *trial.measured.values()):
             check_duration(series.time, f"{source}, trial '{trial.name}'")
+        if file.rig == "gait":
+            checks.check_motion_rate(trial, source)
     return Dataset(
         folder=folder,
         rig=file.rig,

@@ -28,8 +28,6 @@ from klute_sim.types import Array
 CUTOFF_FREQUENCY_HZ = 20.0
 """Cutoff frequency of the low-pass filter for motion before differentiation [Hz] (assumed: above the usual 6 to 10 Hz
 for markers, so that less of a foot strike is lost)."""
-MAX_SAMPLING_INTERVAL = 0.02
-"""Maximum sampling interval of motion [s], for that filter."""
 
 
 class PrescribedMotion(NamedTuple):
@@ -87,21 +85,16 @@ def prepare_prescribed_motion(
 ) -> PrescribedMotion:
     """Return the prescribed motion and load of a gait trial.
 
-    ``channels`` are :data:`klute_sim.datasets.channels.PRESCRIBED_CHANNELS` of a gait trial. Motion is low-pass
-    filtered at ``cutoff`` [Hz]. ``alignment`` [rad] is that of the pylon to the limb, dorsiflexion positive; the shank
+    ``channels`` are :data:`klute_sim.datasets.channels.PRESCRIBED_CHANNELS` of a gait trial, whose motion has at most
+    :data:`klute_sim.datasets.channels.MAX_MOTION_INTERVAL` between samples. Motion is low-pass filtered at ``cutoff``
+    [Hz]. ``alignment`` [rad] is that of the pylon to the limb, dorsiflexion positive; the shank
     of a replay is the pylon. ``source`` names the trial in errors.
 
-    Raises InputError when motion is sampled too slowly or the foot is never loaded.
+    Raises InputError when the foot is never loaded.
     """
     motion = {}
     for name in ("shank_angle", "ankle_x", "ankle_z"):
-        series = channels[name]
-        if series.sampling_interval > MAX_SAMPLING_INTERVAL:
-            raise InputError(
-                f"{source}: '{name}' has a sampling rate of {1.0 / series.sampling_interval:.0f} Hz; a replay needs "
-                f"{1.0 / MAX_SAMPLING_INTERVAL:.0f} Hz or more, because the acceleration of the ankle moves the foot"
-            )
-        motion[name] = _fit_low_pass_spline(series, cutoff)
+        motion[name] = _fit_low_pass_spline(channels[name], cutoff)
     shank = motion["shank_angle"]
     motion["shank_angle"] = CubicSpline(shank.x, shank(shank.x) - alignment)
     vertical, forward, cop = (channels[name] for name in ("grf_vertical", "grf_forward", "cop_x"))
