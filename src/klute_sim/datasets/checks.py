@@ -28,6 +28,7 @@ from klute_sim.plausibility.bench.magnitudes import check_device_channels, check
 from klute_sim.plausibility.bench.trial import SI_UNITS, Channel, DeviceLimits, RecordedTrial, Response, Simulate
 from klute_sim.plausibility.device_numbers import check_device_numbers
 from klute_sim.plausibility.finding import Finding, check_accepted_names
+from klute_sim.plausibility.gait.device import check_walk_device
 from klute_sim.plausibility.gait.positions import ScaledSeries
 from klute_sim.plausibility.gait.steps import Series
 from klute_sim.plausibility.gait.trial import GAIT_CHANNELS, GaitChannels, find_trial_findings
@@ -45,23 +46,30 @@ def find_implausible(rig: ChannelSource, trials: Sequence[Trial], contents: Sequ
 
     Of a device that is commanded by valve opening, only the motion and the loads of gait trials are examined.
     """
-    units = [content.units for content in contents]
     if isinstance(rig, MechanismChannels):
-        return _find_implausible_devices(rig, trials, units)
-    device_trials = [
-        _describe_trial(trial, content, rig)
-        for trial, content in zip(trials, contents, strict=True)
-        if trial.device.parameters.supply.command_is_opening == 0.0
-    ]
+        return _find_implausible_devices(rig, trials, [content.units for content in contents])
     if rig == "bench":
-        return check_bench_trials(device_trials)
+        return check_bench_trials(
+            [
+                _describe_trial(trial, content, rig)
+                for trial, content in zip(trials, contents, strict=True)
+                if not _is_commanded_by_opening(trial)
+            ]
+        )
     findings: list[Finding] = []
-    for trial, trial_units in zip(trials, units, strict=True):
-        findings += find_trial_findings(_describe_gait_trial(trial, trial_units))
-    for device_trial in device_trials:
-        codes, trial_without_codes = check_missing_value_codes(device_trial)
-        findings += [*codes, *check_device_channels(trial_without_codes)]
+    device_findings: list[Finding] = []
+    for trial, content in zip(trials, contents, strict=True):
+        walk = _describe_gait_trial(trial, content.units)
+        found = find_trial_findings(walk)
+        findings += found
+        if not _is_commanded_by_opening(trial):
+            device_findings += check_walk_device(_describe_trial(trial, content, rig), None if found else walk)
+    findings += device_findings
     return findings
+
+
+def _is_commanded_by_opening(trial: Trial) -> bool:
+    return trial.device.parameters.supply.command_is_opening != 0.0
 
 
 def check_supply(trial: Trial, source: str) -> None:

@@ -8,6 +8,7 @@ from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gait.positions import Motion, ScaledSeries
 from klute_sim.plausibility.gait.steps import TOE_OFF_PCT, Step, average_cycle, measure_stride_time
 from klute_sim.plausibility.samples import compute_correlation
+from klute_sim.types import Array
 
 MIN_LOAD_PER_STATURE = 33.0
 """Smallest mean vertical force of one foot over the stride, over the square of the stature [N/m2] (assumed: half of the
@@ -41,15 +42,10 @@ def check_ankle_sign(channels: Mapping[str, ScaledSeries], steps: list[Step], pl
 
 def check_moment(channels: Mapping[str, ScaledSeries], steps: list[Step], place: str) -> list[Finding]:
     """Return the finding on the ankle moment compared with that of the ground reaction about the ankle."""
-    curves = {
-        name: average_cycle(channels[name].series, steps)[4:58]
-        for name in ("ankle_moment", "grf_vertical", "grf_forward", "ankle_z")
-    }
-    cop, x = channels["cop_x"].series, channels["ankle_x"].series
-    arm = average_cycle(cop._replace(value=cop.value - np.interp(cop.time, x.time, x.value)), steps)[4:58]
-    ground = arm * curves["grf_vertical"] + curves["ankle_z"] * curves["grf_forward"]
-    known = np.isfinite(ground) & np.isfinite(curves["ankle_moment"])
-    moment, ground = curves["ankle_moment"][known], ground[known]
+    moment = average_cycle(channels["ankle_moment"].series, steps)[4:58]
+    ground = compute_ground_moment(channels, steps)
+    known = np.isfinite(ground) & np.isfinite(moment)
+    moment, ground = moment[known], ground[known]
     if len(moment) < 20 or not ground.any():
         return []
     correlation, ratio = compute_correlation(moment, ground), float(moment @ ground / (ground @ ground))
@@ -71,6 +67,19 @@ def check_moment(channels: Mapping[str, ScaledSeries], steps: list[Step], place:
     )
     name = "grf_vertical-unit" if 3.0 < ratio < 12.0 else "ankle_moment-unit"
     return [Finding(name, place, statement)]
+
+
+def compute_ground_moment(channels: Mapping[str, ScaledSeries], steps: list[Step]) -> Array:
+    """Return the mean moment of the ground reaction about the ankle at 4 to 57 % of the cycle [N.m].
+
+    A load in front of the ankle is positive; NaN where it is unknown.
+    """
+    vertical, forward, height = (
+        average_cycle(channels[name].series, steps)[4:58] for name in ("grf_vertical", "grf_forward", "ankle_z")
+    )
+    cop, x = channels["cop_x"].series, channels["ankle_x"].series
+    arm = average_cycle(cop._replace(value=cop.value - np.interp(cop.time, x.time, x.value)), steps)[4:58]
+    return np.asarray(arm * vertical + height * forward)
 
 
 def estimate_walking_speed(channels: Mapping[str, ScaledSeries], steps: list[Step]) -> float:
