@@ -178,6 +178,18 @@ def test_centre_of_pressure_may_be_missing_only_without_load(tmp_path: Path) -> 
     assert "line 4: the cell is empty; 'grf_vertical' is prescribed" in read_error(tmp_path, gap, rig="gait")
 
 
+@pytest.mark.parametrize("cop", [np.full(N, np.nan), np.zeros(N)])
+def test_trial_without_foot_strike_is_refused(tmp_path: Path, cop: np.ndarray) -> None:
+    unloaded = {"time [s]": TIME, **GAIT, "cop_x [mm]": cop, "grf_vertical [N]": replace_row(3, 1.26)}
+    message = read_error(tmp_path, unloaded, rig="gait")
+    assert "column 'grf_vertical [N]' is 1.26 N at most and there is no centre of pressure" in message
+    assert "leave the trial out, or check the force plate" in message
+
+
+def test_small_load_with_a_centre_of_pressure_may_have_another_unit(tmp_path: Path) -> None:
+    read(tmp_path, {"time [s]": TIME, **GAIT, "grf_vertical [N]": 0.8 + 0 * TIME}, rig="gait")
+
+
 def test_simulated_rigs_record_all_channels_of_a_trial() -> None:
     for rig, headings in (("bench", bench.CHANNELS), ("gait", measurements.MEASURED_COLUMNS)):
         recorded = {heading.split(" ")[0] for heading in headings}

@@ -139,7 +139,8 @@ def read_trial(
             column = _Column(file, name, TimeSeries(time, samples))
             if channel in columns:
                 raise InputError(_describe_duplicate(channel, columns[channel], column))
-            _check_sample_count(column)
+            if channel != channels.GAP_TOLERANT_CHANNEL:
+                _check_sample_count(column, is_required=channel in get_prescribed_units(rig))
             columns[channel] = column
         if file.ignored:
             remarks.append(f"trial file {file.source}: ignored columns {format_columns(file.ignored)}")
@@ -208,13 +209,11 @@ def _check_no_gap(column: _Column, reason: str) -> None:
         raise InputError(f"{column.location}, {row}: the cell is empty; {reason}")
 
 
-def _check_sample_count(column: _Column) -> None:
+def _check_sample_count(column: _Column, *, is_required: bool) -> None:
     count = int(np.isfinite(column.series.value).sum())
     if count < MIN_SAMPLES:
-        raise InputError(
-            f"{column.location} has {count} samples; at least {MIN_SAMPLES} are needed (leave the column out if it was "
-            "not measured)"
-        )
+        advice = "" if is_required else " (leave the column out if it was not measured)"
+        raise InputError(f"{column.location} has {count} samples; at least {MIN_SAMPLES} are needed{advice}")
 
 
 def _describe_duplicate(channel: str, first: _Column, second: _Column) -> str:
@@ -239,7 +238,9 @@ def _assign_roles(
         if channel != channels.GAP_TOLERANT_CHANNEL:
             _check_no_gap(columns[channel], f"'{channel}' is prescribed and needs every sample")
     if channels.GAP_TOLERANT_CHANNEL in required:
+        _check_foot_strike(columns[channels.GAP_TOLERANT_CHANNEL], columns[channels.VERTICAL_FORCE])
         _check_known_under_load(columns[channels.GAP_TOLERANT_CHANNEL], columns[channels.VERTICAL_FORCE].series)
+        _check_sample_count(columns[channels.GAP_TOLERANT_CHANNEL], is_required=True)
     measured = {channel: columns[channel].series for channel in optional if channel in columns}
     if not measured:
         raise InputError(
@@ -258,6 +259,21 @@ def _suggest_measured_pressure(channel: str, columns: Mapping[str, _Column]) -> 
         f'; if only the pressure was logged, let it stand for the command: {COMMAND_CHANNEL} = "`{label}`" under '
         f'[columns], and the standard deviation of its noise under [noise], such as {COMMAND_CHANNEL} = "20 mbar"'
     )
+
+
+def _check_foot_strike(cop: _Column, vertical: _Column) -> None:
+    """Raise InputError for a trial whose plate is never loaded: then its centre of pressure is empty or 0, too.
+
+    A load in a larger unit has a centre of pressure; the plausibility of the trial tells that unit.
+    """
+    largest = float(np.abs(vertical.series.value).max())
+    is_known = np.isfinite(cop.series.value) & (cop.series.value != 0.0)
+    if largest <= channels.CONTACT_FORCE_THRESHOLD and is_known.sum() < MIN_SAMPLES:
+        raise InputError(
+            f"{vertical.location} is {largest:.3g} N at most and there is no centre of pressure: the foot never stands "
+            f"on the ground; a gait trial needs foot strikes, with more than {channels.CONTACT_FORCE_THRESHOLD:g} N; "
+            "leave the trial out, or check the force plate"
+        )
 
 
 def _check_known_under_load(column: _Column, vertical_force: TimeSeries) -> None:
