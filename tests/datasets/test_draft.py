@@ -328,6 +328,20 @@ def test_refusals_name_the_way_out(tmp_path: Path) -> None:
         ks.draft_dataset(tmp_path, DEVICE)
 
 
+def test_gait_is_referred_to_the_import(tmp_path: Path) -> None:
+    write(tmp_path / "a_motion.csv", ["time [s]", "shank_angle [deg]", "ankle_x [m]"], [TIME, COMMAND, LENGTH])
+    write(tmp_path / "a_plate.csv", ["time [s]", "grf_vertical [N]", "cop_x [m]"], [TIME, FORCE, LENGTH])
+    with pytest.raises(InputError, match=r"recordings of gait .*'klute-sim import FILES --dataset --device DEVICE"):
+        ks.draft_dataset(tmp_path, DEVICE)
+    assert not (tmp_path / "dataset.toml").exists()
+
+
+def test_one_word_of_gait_may_be_that_of_a_bench(tmp_path: Path) -> None:
+    headings = ["time [s]", "length [mm]", "pressure_command [bar]", "force [N]", "ankle (deg)"]
+    write(tmp_path / "a.csv", headings, [TIME, LENGTH, COMMAND, FORCE, COMMAND])
+    assert ks.draft_dataset(tmp_path, DEVICE).n_trials == 1
+
+
 def test_device_file_in_the_folder_is_used(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_bytes(ks.load_device(DEVICE).content)
     write(

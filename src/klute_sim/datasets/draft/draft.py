@@ -10,6 +10,7 @@ from pathlib import Path
 from klute_sim.datasets.channels import get_measured_units, get_prescribed_units
 from klute_sim.datasets.dataset import DATASET_FILE_NAME
 from klute_sim.datasets.draft.columns import ColumnChoice, RecognizedFile, format_column, recognize_file
+from klute_sim.datasets.draft.headings import find_gait_words
 from klute_sim.datasets.draft.joining import join_files
 from klute_sim.datasets.draft.lengths import interpret_lengths
 from klute_sim.datasets.draft.repeats import group_repeats
@@ -146,6 +147,7 @@ def _recognize_files(folder: Path) -> tuple[list[RecognizedFile], list[str]]:
             recognized.append(recognize_file(path))
         except InputError as error:
             left_out.append(str(error))
+    _check_rig(folder, recognized)
     units = assume_units([file for file in recognized if len(file.samples) > 1])  # others hold no channel
     recognized = [recognize_file(file.path, units) for file in recognized] if units else recognized
     for file in join_files(recognized):
@@ -165,6 +167,22 @@ def _recognize_files(folder: Path) -> tuple[list[RecognizedFile], list[str]]:
     if not files:
         raise InputError(f"no file of {folder} was recognized as a recording of the bench; {'; '.join(remarks)}")
     return files, remarks
+
+
+def _check_rig(folder: Path, files: Sequence[RecognizedFile]) -> None:
+    """Raise InputError where the headings of ``files`` have words of gait; one such word may be that of a bench."""
+    headings: dict[str, str] = {}
+    for file in files:
+        for heading in (*file.unused, *(choice.heading for choice in file.choices.values())):
+            for word in find_gait_words(heading):
+                headings.setdefault(word, heading)
+    if len(headings) > 1:
+        columns = format_columns([*dict.fromkeys(headings.values())][:2])
+        raise InputError(
+            f"the folder {folder} holds recordings of gait (columns {columns}), and a draft describes those of a "
+            "bench; write the dataset with 'klute-sim import FILES --dataset --device DEVICE --out OTHER-FOLDER', with "
+            "the files trial by trial (docs/import.md)"
+        )
 
 
 def _replace_missing_command(files: list[RecognizedFile]) -> tuple[list[RecognizedFile], list[str]]:

@@ -71,6 +71,9 @@ _PROCESSED = frozenset(
 """Words of columns that come after others of the same channel."""
 _ABSOLUTE = frozenset(("abs", "absolute"))
 
+_GAIT = frozenset(("grf", "cop", "shank", "ankle"))
+"""Words of recordings of gait."""
+
 
 class HeadingMeaning(NamedTuple):
     """What a heading probably means."""
@@ -115,6 +118,11 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     )
     direction = bool(tokens & _LENGTHENING) - bool(tokens & _SHORTENING)
     return HeadingMeaning(channel, unit, rank, is_absolute, bool(tokens & _NAMES_OF_LENGTH), direction, is_raw)
+
+
+def find_gait_words(heading: str) -> set[str]:
+    """Return the words of ``heading`` that recordings of gait have."""
+    return {token.lower() for token in _TOKEN.findall(heading)} & _GAIT
 
 
 def _spell_in_ascii(text: str) -> str:
