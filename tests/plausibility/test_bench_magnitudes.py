@@ -92,6 +92,15 @@ def test_unusual_but_possible_samples_are_accepted(
     assert load_changed(tmp_path, **{channel: (unit, samples)}).remarks == ()
 
 
+def test_commands_in_per_cent_are_told_from_psi(tmp_path: Path) -> None:
+    per_cent, pressure = 60.0 + 20.0 * WAVE, ("kPa", 300.0 + 100.0 * WAVE)
+    with pytest.raises(InputError, match="is its unit psi, or per cent of a full scale"):
+        load_changed(tmp_path, pressure_command=("bar", per_cent), pressure=pressure)
+    psi = 1e3 * pressure[1] / 6894.76
+    with pytest.raises(InputError, match=r"is its unit psi\? Correct the heading"):
+        load_changed(tmp_path, pressure_command=("bar", psi), pressure=pressure)
+
+
 def test_implausibly_small_commands_are_refused(tmp_path: Path) -> None:
     low: Callable[[float], tuple[str, np.ndarray]] = lambda peak: ("kPa", np.linspace(0.0, peak, 40))  # noqa: E731
     with pytest.raises(InputError, match=r"supply pressure of this device is 500 kPa: is its unit bar\?"):

@@ -5,7 +5,7 @@ import numpy as np
 from klute_sim.plausibility.bench.trial import SI_UNITS, RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.samples import find_missing_value_code
-from klute_sim.plausibility.units import Range, guess_unit
+from klute_sim.plausibility.units import UNITS, Range, guess_unit
 from klute_sim.types import Array
 
 MAX_RATIO = 3.0
@@ -19,6 +19,8 @@ MIN_COMMAND_FRACTION = 0.02
 """Fraction of the supply pressure below which all commands are implausible (assumed; bar for kPa is a hundredth)."""
 MAX_COMMAND_RATIO = 1.2
 """Largest ratio of a command to the supply pressure in a guessed unit (assumed)."""
+MAX_REGULATOR_ERROR = 0.1
+"""Largest relative difference of the highest pressure from the highest command that confirms a unit (assumed)."""
 VACUUM = 110_000.0
 """Atmospheric pressure [Pa] that no weather exceeds; gauge pressures are above its negative."""
 MAX_FORCE_RATIO = 30.0
@@ -188,12 +190,27 @@ def _describe_pressure(trial: RecordedTrial, channel: str, peak: float) -> Findi
     plausible = Range(MIN_COMMAND_FRACTION * supply_pressure, MAX_COMMAND_RATIO * supply_pressure, supply_pressure)
     guess = guess_unit(peak, samples.factor, "Pa", plausible)
     fix = f"is its unit {guess}? Correct the heading" if guess else "its unit or its zero is wrong"
+    if channel == "pressure_command" and peak > supply_pressure and _may_be_percent(trial, guess):
+        unit = f"{guess}, or per cent of a full scale" if guess else "per cent of a full scale"
+        fix = f"is its unit {unit}? Correct the heading, or convert it under [columns]"
     return Finding(
         f"{channel}-unit",
         trial.place,
         f"{channel} is {trial.format_channel(channel)}, but the supply pressure of this device is "
         f"{trial.format_limit(channel, supply_pressure)}: {fix}",
     )
+
+
+def _may_be_percent(trial: RecordedTrial, guess: str) -> bool:
+    """Return whether commands lie in 0 to 100 and a measured pressure does not confirm the unit ``guess``."""
+    samples = trial.get_samples("pressure_command")
+    written = samples.finite / samples.factor
+    if written.min() < 0.0 or written.max() > 100.0:
+        return False
+    if not guess or "pressure" not in trial.channels:
+        return True
+    reached, commanded = float(trial.get_samples("pressure").finite.max()), float(written.max()) * UNITS["Pa"][guess]
+    return abs(reached / commanded - 1.0) > MAX_REGULATOR_ERROR
 
 
 def _check_force(trial: RecordedTrial) -> list[Finding]:
