@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.robustness.gait_plausibility.files import Columns, make_trial, write_table
 from benchmarks.robustness.gait_plausibility.walker import Walker
-from benchmarks.robustness.gait_plausibility.wrong import exchange, times
+from benchmarks.robustness.gait_plausibility.wrong import exchange, on, times
 
 from klute_sim.datasets.dataset import Dataset, load_dataset
 from klute_sim.device.device import load_device
@@ -52,6 +52,7 @@ def test_moment_arm_is_that_of_the_prosthesis() -> None:
         (times("force", 1.0 / 4.448), "force-unit", "is its unit lbf?"),
         (times("force", 1.0 / 9.807), "force-unit", "is its unit kgf?"),
         (times("force", 10.0), "force-unit", "its unit or its scale is wrong"),
+        (on("pressure [", lambda values: values + 1.01), "pressure-absolute", "always about 1.01 bar above"),
         (exchange("force [N]", "pressure [bar]"), "force-pressure-exchanged", "exchange the headings"),
     ],
 )
@@ -67,6 +68,13 @@ def test_finding_of_the_walk_explains_the_tension(tmp_path: Path) -> None:
     with pytest.raises(ImplausibleInputError) as error:
         load(tmp_path, times("grf", 1e-3)(make_walk()))
     assert {finding.name for finding in error.value.findings} == {"grf_vertical-unit", "grf_forward-unit"}
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.05, 0.15])
+def test_gauge_with_an_offset_or_a_slow_supply_is_accepted(lag: float, tmp_path: Path) -> None:
+    columns = make_walk()
+    columns["pressure [bar]"] = 0.5 + np.interp(WALKER.time - lag, WALKER.time, columns["pressure_command [bar]"])
+    load(tmp_path, columns)
 
 
 @pytest.mark.parametrize("share", [0.35, 0.54, 1.0, 1.6])

@@ -7,6 +7,7 @@ tells the unit and the sign of the tension without a simulation.
 
 import numpy as np
 
+from klute_sim.plausibility.bench.absolute_pressures import HIGHEST_ATMOSPHERE, LOWEST_ATMOSPHERE, REST_PERCENTILE
 from klute_sim.plausibility.bench.magnitudes import (
     MAX_COMMAND_RATIO,
     MAX_RATIO,
@@ -15,6 +16,7 @@ from klute_sim.plausibility.bench.magnitudes import (
     check_device_channels,
     check_missing_value_codes,
 )
+from klute_sim.plausibility.bench.mistakes import ATMOSPHERE
 from klute_sim.plausibility.bench.trial import SI_UNITS, RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gait.consistency import compute_ground_moment
@@ -37,6 +39,9 @@ or more)."""
 EXCHANGED_FORCE_RANGE = (0.02, 2.0)
 """Peak of a force that stood under pressure, relative to what the device can pull (assumed)."""
 
+MAX_EXCESS_RANGE = 0.8 * ATMOSPHERE
+"""Largest range of a constant excess of the pressure over its command [Pa], from lag and noise (assumed)."""
+
 
 def check_walk_device(recorded: RecordedTrial, walk: GaitChannels | None) -> list[Finding]:
     """Return what is implausible in the channels of the device of a gait trial.
@@ -48,6 +53,8 @@ def check_walk_device(recorded: RecordedTrial, walk: GaitChannels | None) -> lis
     if exchanged:
         return [*codes, *exchanged]
     findings = [*codes, *check_device_channels(trial)]
+    if not any(finding.name.startswith("pressure") for finding in findings):
+        findings += _find_absolute_pressure(trial)
     has_force_fault = any(finding.name.startswith("force") for finding in findings)
     if walk is not None and "force" in trial.channels and not has_force_fault:
         findings += _check_tension(trial, walk)
@@ -86,10 +93,35 @@ def _measure_peak(values: Array) -> float:
 
 
 def _correlate_with_command(trial: RecordedTrial, pressure: Series) -> float:
+    return compute_correlation(pressure.value, _interpolate_command(trial, pressure.time))
+
+
+def _interpolate_command(trial: RecordedTrial, time: Array) -> Array:
     command = trial.channels["pressure_command"]
     is_known = np.isfinite(command.samples.value)
-    expected = np.interp(pressure.time, command.time[is_known], command.samples.value[is_known])
-    return compute_correlation(pressure.value, expected)
+    return np.interp(time, command.time[is_known], command.samples.value[is_known])
+
+
+def _find_absolute_pressure(trial: RecordedTrial) -> list[Finding]:
+    """Return whether the measured pressure stays one atmosphere above its command, whatever that is.
+
+    Where the command is absolute as well, nothing in a walk tells: the muscle is never at rest, and its tension follows
+    from the load on the foot.
+    """
+    if "pressure" not in trial.channels:
+        return []
+    channel = trial.channels["pressure"]
+    excess = channel.samples.value - _interpolate_command(trial, channel.time)
+    low, middle, high = np.nanpercentile(excess, [10.0, 50.0, 90.0])
+    lowest = float(np.nanpercentile(channel.samples.value, REST_PERCENTILE))
+    is_atmosphere = LOWEST_ATMOSPHERE <= middle <= HIGHEST_ATMOSPHERE and lowest >= LOWEST_ATMOSPHERE
+    if not is_atmosphere or high - low > MAX_EXCESS_RANGE:
+        return []
+    statement = (
+        f"pressure is {trial.format_channel('pressure')} and always about {trial.format_limit('pressure', middle)} "
+        "above the command: it looks like absolute pressure; subtract the pressure of the atmosphere"
+    )
+    return [Finding("pressure-absolute", trial.place, statement)]
 
 
 def _check_tension(trial: RecordedTrial, walk: GaitChannels) -> list[Finding]:
