@@ -211,8 +211,22 @@ def test_foot_alone_is_pressed_as_in_a_prosthesis() -> None:
     mounted = press_foot(load_device("klute-1-1-4-pair").with_foot("dynamic-response-medium"), "heel")
     assert alone.stiffness == mounted.stiffness
     assert alone.loss == mounted.loss
-    with pytest.raises(InputError, match="nothing that a tester can pull"):
+    with pytest.raises(InputError, match=r"nothing that a tester can pull.*describe a foot alone as a \[tendon\]"):
         pull(parse(FOOT), move(0.1, 0.01))
+    with pytest.raises(InputError, match="nothing that a tester can pull"):
+        ks.simulate_bench(parse(FOOT), "isometric")
+
+
+def test_bench_dataset_of_a_foot_is_refused_with_the_way_to_describe_it(tmp_path: Path) -> None:
+    parse(FOOT).save(tmp_path / "foot.toml")
+    header = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "foot.toml"\n[[trial]]\nfiles = ["a.csv"]\n'
+    (tmp_path / "dataset.toml").write_text(header, "utf-8")
+    columns = {"time [s]": TIME_STEP * np.arange(1000), "length [mm]": 1e3 * move(0.1, 0.01)}
+    write_trial(tmp_path / "a.csv", {**columns, "force [N]": np.sin(np.arange(1000.0))})
+    with pytest.raises(InputError) as caught:
+        load_dataset(tmp_path, accept=["length-unit"])
+    assert f"{tmp_path / 'dataset.toml'}: device 'part' has nothing that a tester can pull" in str(caught.value)
+    assert "describe a foot alone as a [tendon]" in str(caught.value)
 
 
 def test_device_is_built_from_sections_and_saved(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from klute_sim.device.device import Device, check_accepts_pressure
+from klute_sim.device.device import Device, check_accepts_pressure, check_is_testable
 from klute_sim.device.dynamics import compute_muscle_force, compute_tendon_force
 from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.errors import InputError
@@ -32,6 +32,7 @@ def unit_length(device: Device, muscle_ratio: float, pressure: float) -> float:
 
     Raises InputError when the muscle cannot have this length.
     """
+    check_is_testable(device)
     parameters = device.parameters
     muscle = parameters.muscle
     if muscle.resting_length == 0.0:
@@ -59,7 +60,8 @@ def unit_length(device: Device, muscle_ratio: float, pressure: float) -> float:
 
 
 def check_supply_pressure(device: Device, pressures_bar: Iterable[float]) -> None:
-    """Raise InputError unless the supply takes pressure commands and reaches all ``pressures_bar``."""
+    """Raise InputError unless a tester can pull ``device``, and its supply reaches all ``pressures_bar`` on command."""
+    check_is_testable(device)
     check_accepts_pressure(device, "the protocol")
     if device.spec.supply is None and any(pressures_bar):
         raise InputError(

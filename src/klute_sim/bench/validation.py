@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from klute_sim.device.device import Device
+from klute_sim.device.device import Device, check_is_testable
 from klute_sim.device.rollout import MAX_TIME_STEP
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
@@ -26,11 +26,7 @@ def validate_inputs(device: Device, length: ArrayLike, command: ArrayLike, dt: f
         raise InputError(f"the time step is {dt:g} s; allowed: above 0, up to {MAX_TIME_STEP:g} s")
     lock = mckibben.lock_length(parameters.muscle)
     slack, resting = parameters.tendon.slack_length, parameters.muscle.resting_length
-    if parameters.tendon.is_rigid and resting == 0.0:
-        raise InputError(
-            f"'{device.name}' has nothing that a tester can pull; allowed: a device with [muscle], [cylinder] or "
-            "[tendon] (klute_sim.gait.foot_bench presses a foot)"
-        )
+    check_is_testable(device)
     max_length = resting if parameters.tendon.is_rigid else float("inf")
     if length.min() < lock or length.max() - slack > max_length + 1e-12:
         raise InputError(

@@ -115,6 +115,8 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     size_remarks: list[str] = []
     if device is None:
         device, size_remarks = scale_muscle(_load_device(file.device, folder), file.diameter, source)
+    if file.rig == "bench":
+        device_files.check_is_testable(device, f"{source}: ")
     mechanism = load_dataset_mechanism(file, folder, device, source)
     known_values: dict[str, float] = dict(device.spec.collect_values())
     if mechanism is not None:

@@ -281,3 +281,13 @@ def check_accepts_pressure(device: Device, command_source: str) -> None:
             f"{command_source} commands pressures, but the commands of '{device.name}' are openings of its valve; "
             "allowed: a device file with command = 'pressure' in [valve]"
         )
+
+
+def check_is_testable(device: Device, place: str = "") -> None:
+    """Raise InputError when ``device`` has no part with a force on a tester; ``place`` stands before the sentence."""
+    if device.spec.muscle is None and device.spec.cylinder is None and device.spec.tendon is None:
+        raise InputError(
+            f"{place}device '{device.name}' has nothing that a tester can pull; allowed: a device with [muscle], "
+            "[cylinder] or [tendon]. A [foot] has no force on a tester: describe a foot alone as a [tendon], a spring "
+            "whose length increases by the compression of the foot"
+        )
