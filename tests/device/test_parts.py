@@ -253,6 +253,16 @@ def test_protocols_run_where_they_apply(tmp_path: Path) -> None:
     assert [row["force_n"] for row in held.table] == [0.0, 0.0]
 
 
+@pytest.mark.parametrize(("sections", "part"), [((CYLINDER, DAMPER), "damper"), ((CYLINDER, SEAL), "cylinder")])
+def test_negative_force_without_a_muscle_is_called_that_of_the_part(sections: tuple[str, ...], part: str) -> None:
+    velocities = {"concentric_mm_per_s": [20], "eccentric_mm_per_s": [20]}
+    lengths = {"muscle_ratios": [], "unit_lengths_mm": [170.0], "approach_mm": 5.0}
+    test = ks.simulate_bench(parse(*sections), "isokinetic", pressures_bar=[0], **velocities, **lengths)
+    (remark,) = (line for line in test.summary["remarks"] if "negative" in line)
+    assert remark.startswith("In 1 of 2 trials a force is negative (minimum -")
+    assert remark.endswith(f"the {part} resists a motion that shortens it. Tension is positive.")
+
+
 def test_trials_without_a_supply_need_no_pressures(tmp_path: Path) -> None:
     parse(CYLINDER).save(tmp_path / "cylinder.toml")
     header = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "cylinder.toml"\n[[trial]]\nfiles = ["a.csv"]\n'

@@ -139,10 +139,15 @@ def _describe_negative_forces(result: BenchResult) -> list[str]:
     below = [force for force in lowest.values() if force < -DISPLAY_ZERO_TOLERANCE]
     if not below:
         return []
+    statement = f"In {len(below)} of {len(lowest)} trials a force is negative (minimum {min(below):.4g} N): "
+    spec = result.device.spec
+    if spec.muscle is None:
+        part = "damper" if spec.damper else "cylinder"
+        return [f"{statement}the {part} resists a motion that shortens it. Tension is positive."]
+    damper = " While it shortens, its damper pushes, too." if spec.damper else ""
     return [
-        f"In {len(below)} of {len(lowest)} trials a force is negative (minimum {min(below):.4g} N): the bare muscle "
-        "pushes. The causes are its bladder and the friction offset of Table 3.1, which grows with pressure and does "
-        "not depend on direction. A tendon would be slack."
+        f"{statement}the bare muscle pushes. The causes are its bladder and the friction offset of Table 3.1, which "
+        f"grows with pressure and does not depend on direction.{damper} A tendon would be slack."
     ]
 
 
