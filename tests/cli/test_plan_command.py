@@ -193,6 +193,39 @@ def test_disabled_or_zero_term_is_not_uncertain() -> None:
     assert "tendon.stiffness_1_n_per_mm" in content
 
 
+CYLINDER = "[cylinder]\nextended_length_mm = 200\nstroke_mm = 60\n"
+PARTS = {
+    "tendon": "[tendon]\nslack_length_mm = 100\nstiffness_1_n_per_mm = 60\nstiffness_2_n_per_mm = 0\n"
+    "engagement_mm = 40\n",
+    "cylinder": CYLINDER,
+    "supplied": f"{CYLINDER}[supply]\npressure_bar = 8\nrate_bar_per_s = 100\ngas_temperature_c = 20\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("part", "without"),
+    [("tendon", {"steps"}), ("cylinder", {"steps", "slack"}), ("supplied", {"slack"})],
+)
+def test_plan_of_a_part_speaks_of_what_the_part_has(part: str, without: set[str], tmp_path: Path) -> None:
+    (tmp_path / "part.toml").write_text(f'name = "part"\n{PARTS[part]}')
+    done = run("part.toml", "--out", "plan", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert [p["name"] for p in told["protocols"]] == [name for name in PROTOCOLS if name not in without]
+    files = [(tmp_path / "plan" / name).read_text("utf-8") for name in ("README.txt", "dataset.toml")]
+    texts = "\n".join([done.stdout, *files])
+    absent = ["muscle", "braid", "bladder", "inflated", "choked_valve", "resting_length_mm"]
+    absent += [] if part == "supplied" else ["pressure", "egulator", " bar"]
+    absent += ["orifice", "oil"] + (["seal"] if part == "tendon" else ["tendon"])
+    for word in absent:
+        assert word not in texts, word
+    assert "Reveals: " in texts
+    if part == "tendon":
+        assert "All lengths are between 100.0 and 115.8 mm." in texts
+        assert "Forces reach about 950 N." in texts
+        assert "tendon_stiffening" in texts
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -206,6 +239,8 @@ def test_disabled_or_zero_term_is_not_uncertain() -> None:
         (["klute-3-4-pair", "--out", "full"], "output folder full is not empty"),
         (["klute-3-4-pair", "--out", "full/notes.txt"], "is a file; name a new or an empty folder"),
         (["locked.toml", "--out", "x"], "cannot be tested: its muscle locks"),
+        (["foot.toml", "--out", "x"], "describe a foot alone as a [tendon]"),
+        (["spring.toml", "--out", "x", "--only", "steps"], "'steps' steps the pressure, but 'part' has no [supply]"),
     ],
 )
 def test_invalid_input_gives_one_sentence(arguments: list[str], says: str, tmp_path: Path) -> None:
@@ -214,10 +249,12 @@ def test_invalid_input_gives_one_sentence(arguments: list[str], says: str, tmp_p
     text = load_device("klute-3-4").content.decode()
     text = text.replace("turns_per_m = 8.287293", "turns_per_m = 35.0")
     (tmp_path / "locked.toml").write_text(text.replace("braid_length_ratio = 1.053039", "braid_length_ratio = 1.73"))
+    (tmp_path / "foot.toml").write_text('name = "foot"\n[foot]\npreset = "sach"\n')
+    (tmp_path / "spring.toml").write_text(f'name = "part"\n{PARTS["tendon"]}')
     done = run(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert says in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert done.stdout == ""
-    assert {file.name for file in tmp_path.iterdir()} == {"full", "locked.toml"}
+    assert {file.name for file in tmp_path.iterdir()} == {"full", "locked.toml", "foot.toml", "spring.toml"}
     assert (tmp_path / "full" / "notes.txt").read_text() == "mine"

@@ -15,6 +15,7 @@ from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import RolloutTrace, simulate_rollouts
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
+from klute_sim.laws import damper
 from klute_sim.laws.mckibben import lock_length
 from klute_sim.units import BAR
 
@@ -77,6 +78,51 @@ def test_limits(name: str, protocol: IdentificationProtocol) -> None:
 def test_limits_of_unusual_devices(protocol: IdentificationProtocol) -> None:
     for device in OTHERS:
         check_limits(protocol.build_program(device), device)
+
+
+def parse_part(text: str) -> Device:
+    """A device without a muscle."""
+    return parse_device(f'name = "part"\n{text}'.encode(), "part")
+
+
+TENDON = "[tendon]\nslack_length_mm = 100\nstiffness_1_n_per_mm = {}\nstiffness_2_n_per_mm = {}\nengagement_mm = {}\n"
+CYLINDER = "[cylinder]\nextended_length_mm = {}\nstroke_mm = {}\n"
+DAMPER = "[damper]\nbore_mm = 20\norifice_concentric_mm = {}\norifice_eccentric_mm = 1.0\noil_density_kg_m3 = 900\n"
+
+
+@pytest.mark.parametrize(
+    ("numbers", "stretch"),
+    [((60, 0, 40), 1000 / 60), ((60, 140, 5), 8.5), ((10, 20, 2), 4.0), ((10, 20, 0), 10.0), ((5000, 0, 100), 0.2)],
+)
+def test_tendon_alone_is_stretched_from_its_slack_length_as_far_as_it_may(
+    numbers: tuple[float, ...], stretch: float
+) -> None:
+    device = parse_part(TENDON.format(*numbers))
+    for name in ("ramps", "sines", "release", "hold", "slack", "mixed"):
+        time, length, command = PROTOCOLS[name].build_program(device)
+        assert (length[time < 0.5] == 0.1).all(), name
+        assert length.min() == 0.1
+        assert 0.65 * stretch < 1e3 * length.max() - 100.0 <= stretch + 1e-6, name
+        assert not command.any()
+    with pytest.raises(InputError, match=r"^protocol 'steps' steps the pressure, but 'part' has no \[supply\]"):
+        PROTOCOLS["steps"].build_program(device)
+
+
+@pytest.mark.parametrize(("extended", "stroke"), [(200, 100), (400, 5), (200, 30)])
+@pytest.mark.parametrize("orifice", [5.0, 0.5])
+def test_cylinder_alone_stays_between_its_stops_and_below_the_force_of_its_damper(
+    extended: float, stroke: float, orifice: float
+) -> None:
+    device = parse_part(CYLINDER.format(extended, stroke) + DAMPER.format(orifice))
+    for name in ("ramps", "sines", "release", "hold", "mixed"):
+        _, length, _ = PROTOCOLS[name].build_program(device)
+        assert extended - 0.9 * stroke - 1e-9 <= 1e3 * length.min()
+        assert 1e3 * length.max() <= extended - 0.1 * stroke + 1e-9
+        speed = np.abs(np.diff(length)).max() / SAMPLE_INTERVAL
+        assert 0.0 < speed <= 0.3 + 1e-9
+        assert max(abs(damper.force(device.parameters.damper, v)) for v in (speed, -speed)) <= 1000.0 + 1e-6
+    with pytest.raises(InputError, match=r"^protocol 'slack' slackens a muscle or a tendon, but 'part' has neither"):
+        PROTOCOLS["slack"].build_program(device)
 
 
 @ALL_PRESETS

@@ -13,7 +13,7 @@ from klute_sim.api.rendering import Printable, Summary
 from klute_sim.api.saved_plan import SavedPlan
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.dataset import Dataset
-from klute_sim.device.device import Device, check_accepts_pressure
+from klute_sim.device.device import Device, check_accepts_pressure, check_is_testable
 from klute_sim.diagnosis.mechanism_files import build_mechanism_files
 from klute_sim.diagnosis.planning import measurement_plan
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions, Verdict
@@ -288,8 +288,8 @@ class MeasurementPlan(SavedPlan):
             "protocols": [
                 {
                     "name": protocol.name,
-                    "description": protocol.description,
-                    "reveals": list(protocol.revealed_effects),
+                    "description": protocol.describe_for(self.device),
+                    "reveals": protocol.list_revealed_effects(self.device),
                     "use": use,
                     "duration_s": float(program.time[-1]),
                     "command": f"{protocol.name}.csv",
@@ -331,15 +331,16 @@ def plan_measurements(
 
     Args:
         device: Device, name of a preset, or path of a device file.
-        only: Names of the identification protocols. Empty: all.
+        only: Names of the identification protocols. Empty: all that reveal something of the device.
         n_repeats: Number of recordings of each protocol; noise is measured from the differences between repeats.
         simulate: Whether to simulate the recordings, with noise, to test the diagnosis.
 
     Raises InputError when an input is not valid or the device cannot be tested.
     """
     measurement_plan.check_repeats(n_repeats)
-    protocols = measurement_plan.select_protocols(only)
     chosen_device = to_device(device)
+    check_is_testable(chosen_device)
     check_accepts_pressure(chosen_device, "the plan")
+    protocols = measurement_plan.select_protocols(only, chosen_device)
     programs = tuple(measurement_plan.round_program(p.build_program(chosen_device)) for p in protocols)
     return MeasurementPlan(chosen_device, tuple(protocols), programs, n_repeats, simulate)

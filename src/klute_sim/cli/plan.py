@@ -25,7 +25,8 @@ from klute_sim.cli.option_sections import Command, section
     shell_complete=completion.complete_identification_protocol,
     multiple=True,
     metavar="PROTOCOL",
-    help="Protocol to plan (steps, ramps, sines, release, hold, slack, mixed); may be repeated.  [default: all]",
+    help="Protocol to plan (steps, ramps, sines, release, hold, slack, mixed); may be repeated.  [default: all "
+    "that reveal something of the device]",
 )
 @click.option(
     "--repeats",
@@ -67,10 +68,10 @@ def command(
 ) -> None:
     """Plan the measurements of a DEVICE (preset or device file) on a tensile tester, or with --model on a joint.
 
-    Writes one CSV file per protocol with the commands for the tester (time [s], length [mm] of the whole unit,
-    pressure_command [bar]; 200 Hz), the device file, dataset.toml with the names of the files to record, and README.txt
-    with instructions. README.txt also lists the changes of the rig that distinguish effects which the commands alone
-    cannot distinguish.
+    Writes one CSV file per protocol with the commands for the tester (time [s], length [mm] of the whole unit, and with
+    a supply pressure_command [bar]; 200 Hz), the device file, dataset.toml with the names of the files to record, and
+    README.txt with instructions. README.txt also lists the changes of the rig that distinguish effects which the
+    commands alone cannot distinguish.
 
     \b
     Examples:

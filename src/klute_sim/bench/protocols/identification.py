@@ -10,6 +10,8 @@ from klute_sim.bench.protocols.protocol import BenchProtocol, TrialPlan
 from klute_sim.bench.trajectory import sample_staircase
 from klute_sim.datasets.trial import Use
 from klute_sim.device.device import Device, check_accepts_pressure
+from klute_sim.device.schema.parts import explain_missing_part
+from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 
@@ -40,14 +42,37 @@ class IdentificationProtocol(BenchProtocol):
     """Use of the trials in a dataset that holds all identification protocols."""
     revealed_effects: list[str] = Field(default=[])
     """Effects of the catalogue that the protocol reveals or distinguishes best."""
+    description_without_muscle: str = ""
+    """Description for a device without a muscle; '': as for a muscle."""
+
+    def describe_for(self, device: Device) -> str:
+        """Return what the protocol does with ``device``."""
+        return self.description if device.spec.muscle else self.description_without_muscle or self.description
+
+    def list_revealed_effects(self, device: Device) -> list[str]:
+        """Return those of the revealed effects that act on a part of ``device``."""
+        sections = device.spec.list_sections()
+        return [name for name in self.revealed_effects if not explain_missing_part(name, sections)]
+
+    def explain_uselessness(self, device: Device) -> str:
+        """Return why the protocol reveals nothing of ``device``, or ''."""
+        spec = device.spec
+        if self.excitation == "steps" and spec.supply is None:
+            return f"steps the pressure, but '{device.name}' has no [supply]"
+        if self.excitation == "slack" and spec.muscle is None and spec.tendon is None:
+            return f"slackens a muscle or a tendon, but '{device.name}' has neither"
+        return ""
 
     def build_program(self, device: Device) -> Program:
-        """Return the sampled commands for ``device``; raise InputError when its muscle can hardly contract."""
+        """Return the sampled commands for ``device``; raise InputError when the protocol cannot test it."""
         excitation = self._create_excitation(device)
         time, length = excitation.trajectory.sample(SAMPLE_INTERVAL)
         return Program(time, length, sample_staircase(time, excitation.pressure_steps))
 
     def _create_excitation(self, device: Device) -> Excitation:
+        uselessness = self.explain_uselessness(device)
+        if uselessness:
+            raise InputError(f"protocol '{self.name}' {uselessness}; allowed: the other protocols")
         return EXCITATIONS[self.excitation](compute_limits(device), self.rest_s)
 
     def plan_trials(self, device: Device) -> list[TrialPlan]:

@@ -1,13 +1,12 @@
 """Measurement plan for a tensile tester: command files, a dataset file to fill, and instructions."""
 
 import string
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from klute_sim.bench.protocols.identification import SAMPLE_INTERVAL, IdentificationProtocol, Program
+from klute_sim.bench.protocols.identification import IdentificationProtocol, Program
 from klute_sim.bench.protocols.library import load_identification_protocols
 from klute_sim.datasets.format import FORMAT_NAME
 from klute_sim.datasets.trial import Use
@@ -17,6 +16,7 @@ from klute_sim.device.dynamics import compute_tension
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.experiments.interpolation import interpolate_smoothly
+from klute_sim.diagnosis.planning.measurement_readme import format_readme
 from klute_sim.errors import InputError
 from klute_sim.types import Array
 from klute_sim.units import BAR
@@ -40,16 +40,18 @@ DEFAULT_UNCERTAINTIES = {
 SIMULATED_NOTE = "# simulated, not measured: klute-sim plan --simulate made the recordings from device.toml"
 
 
-def select_protocols(names: Sequence[str]) -> list[IdentificationProtocol]:
-    """Return the identification protocols of these names (all without names), in the order of recording.
+def select_protocols(names: Sequence[str], device: Device) -> list[IdentificationProtocol]:
+    """Return the identification protocols of these names, in the order of recording.
 
-    Raises InputError for an unknown name.
+    Without names, all that reveal something of ``device``. Raises InputError for an unknown name.
     """
     protocols = load_identification_protocols()
     for name in names:
         if name not in protocols:
             raise InputError(f"there is no protocol '{name}'; allowed: {', '.join(protocols)}")
-    return [protocol for name, protocol in protocols.items() if not names or name in names]
+    if names:
+        return [protocol for name, protocol in protocols.items() if name in names]
+    return [protocol for protocol in protocols.values() if not protocol.explain_uselessness(device)]
 
 
 def assign_uses(protocols: Sequence[IdentificationProtocol]) -> list[Use | None]:
@@ -135,9 +137,10 @@ def write_plan_files(
     dataset_file = format_dataset_toml(device, protocols, n_repeats, simulated=simulate)
     (folder / "device.toml").write_bytes(device.content)
     (folder / "dataset.toml").write_text(dataset_file, "utf-8")
-    (folder / "README.txt").write_text(
-        format_readme(device, protocols, programs, n_repeats, simulated=simulate), "utf-8"
-    )
+    files = [list_recording_files(protocol, n_repeats) for protocol in protocols]
+    note = f"{SIMULATED_NOTE.removeprefix('# ')}\n\n" if simulate else ""
+    readme = note + format_readme(device, protocols, programs, files)
+    (folder / "README.txt").write_text(readme, "utf-8")
 
 
 def list_usual_uncertainties(device: Device) -> dict[str, str]:
@@ -170,108 +173,8 @@ def format_dataset_toml(
         *(f'"{key}" = "{deviation}"' for key, deviation in uncertain.items()),
     ]
     for protocol, use in zip(protocols, assign_uses(protocols), strict=True):
-        lines += ["", f"# {protocol.description}"]
+        lines += ["", f"# {protocol.describe_for(device)}"]
         for file in list_recording_files(protocol, n_repeats):
             lines += ["[[trial]]", f'files = ["{file}"]', f'group = "{protocol.name}"']
             lines += [f'use = "{use}"'] if use else []
     return "\n".join(lines) + "\n"
-
-
-README_TEMPLATE = """\
-{note}Measurements of '{device}' on a tensile tester
-{line}
-
-1. Feed each command file to the tester and the pressure regulator. Its columns:
-   time [s]                from 0, one row every 5 ms
-   length [mm]             {length}
-   pressure_command [bar]  gauge pressure for the regulator
-   {ranges}
-   Speeds reach {speed:.2f} m/s and accelerations {acceleration:.0f} m/s2; a slower tester may play a file more slowly.
-
-2. Record each protocol {repeats} times, into the files named here:
-{protocols}
-   The diagnosis measures noise from the differences between repeats. Run all protocols once, then all of them again,
-   so that drift becomes visible.
-
-3. Each recording is a CSV file with a heading line and these columns:
-   time [s]                same clock for all columns
-   length [mm]             as measured at the crosshead, not as commanded
-   pressure_command [bar]  as given to the regulator, at the time it was given
-   force [N]               load cell; tension is positive
-   pressure [bar]          gauge on the muscle
-   muscle_length [mm]      length of the muscle alone (optional)
-   Other units are allowed (kgf, kPa, in, ms): write them in the brackets. Leave cells without a sample empty. Log
-   1000 rows per second if possible, 200 at least: nobody knows the motion between two rows.
-
-4. Start at rest. Hold the first length and pressure until nothing changes, then start; the first 0.5 s of every file
-   are at rest. The simulation starts in equilibrium, so remaining creep would be diagnosed as an effect.
-
-5. Measure the device's own numbers (lengths, stiffnesses) as well as possible and put them into device.toml. In
-   dataset.toml, under [uncertain], give the standard deviations of the others. The lengths above belong to the
-   device.toml of this plan: if its resting or slack length changes, make a new plan.
-{bare}
-Effects that no command distinguishes
--------------------------------------
-Some effects look alike under every command. A change of the rig distinguishes them:
-- Regulator error or pressure sensor error: put a second gauge on the muscle's port for one protocol. Where both
-  gauges agree, the regulator is wrong.
-- Load cell gain or tapering ends of the muscle: hang a dead weight on the load cell. Tapering ends do not change the
-  reading of a weight.
-- Slack in the tendon, a threshold pressure or a tapering end: record muscle_length [mm] as well.
-- Offset of the load cell or of the device: record the load cell with the device unhooked.
-- Clock skew or a slow pressure line: knock on the crosshead once while all channels record; all must show the knock at
-  the same time.
-Give a trial from another rig its own group, and describe the difference under [trial.device].
-
-Then run, in this folder: klute-sim diagnose .
-"""
-PRESSURE_LINES = ("   pressure_command [bar]", "   pressure [bar]")
-"""Beginnings of the lines of README.txt that a device without a supply does not need."""
-BARE_MUSCLE_NOTE = """
-6. This device has no tendon: the clamps hold the muscle itself. At short lengths and low pressures it pushes (negative
-   force). The clamps must take that, and the muscle must not buckle; if it does, empty the force cells in those rows
-   (keep the rows: length and pressure are still needed).
-"""
-
-
-def format_readme(
-    device: Device,
-    protocols: Sequence[IdentificationProtocol],
-    programs: Sequence[Program],
-    n_repeats: int,
-    *,
-    simulated: bool,
-) -> str:
-    """Return the content of README.txt: instructions for the measurements."""
-    is_rigid = device.parameters.tendon.is_rigid
-    moving_part = "muscle" if device.spec.muscle else "cylinder" if device.spec.cylinder else "clamp"
-    lines = []
-    for protocol, program in zip(protocols, programs, strict=True):
-        files = list_recording_files(protocol, n_repeats)
-        file_list = ", ".join(files) if n_repeats <= 3 else f"{files[0]} to {files[-1]}"
-        lines.append(f"   {protocol.name}.csv ({program.time[-1]:.1f} s) -> {file_list}\n      {protocol.description}")
-        if protocol.revealed_effects:
-            sentence = f"Reveals: {', '.join(protocol.revealed_effects)}."
-            lines += textwrap.wrap(sentence, 115, initial_indent=" " * 6, subsequent_indent=" " * 6)
-    lengths = [program.unit_length for program in programs]
-    pressures = [program.command for program in programs]
-    title = f"Measurements of '{device.name}' on a tensile tester"
-    readme = README_TEMPLATE.format(
-        note=f"{SIMULATED_NOTE.removeprefix('# ')}\n\n" if simulated else "",
-        device=device.name,
-        line="=" * len(title),
-        length=f"of the {moving_part}, clamp to clamp" if is_rigid else f"of the whole unit, {moving_part} and tendon",
-        ranges=(
-            f"All lengths are between {1e3 * min(x.min() for x in lengths):.1f} and "
-            f"{1e3 * max(x.max() for x in lengths):.1f} mm, all pressures between "
-            f"{1e-5 * min(x.min() for x in pressures):.2f} and {1e-5 * max(x.max() for x in pressures):.2f} bar."
-        ),
-        speed=max(np.abs(np.diff(length)).max() for length in lengths) / SAMPLE_INTERVAL,
-        acceleration=max(np.abs(np.diff(length, 2)).max() for length in lengths) / SAMPLE_INTERVAL**2,
-        repeats=n_repeats,
-        protocols="\n".join(lines),
-        bare=BARE_MUSCLE_NOTE if is_rigid and device.spec.muscle else "",
-    )
-    if device.spec.supply is not None:
-        return readme
-    return "".join(line for line in readme.splitlines(keepends=True) if not line.startswith(PRESSURE_LINES))
