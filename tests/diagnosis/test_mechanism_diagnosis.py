@@ -409,6 +409,8 @@ def test_proposed_experiment_separates_rivals_on_a_joint(tmp_path: Path, monkeyp
     assert told["separation_chi2"] > 6.0
     assert told["protocol"] == "sine_4Hz"
     assert f"(mean {told['mean_bar']:.2f} bar, difference {told['difference_bar']:.2f} bar" in told["sentence"]
+    assert f"channels: {', '.join(told['channels'])})" in told["sentence"]
+    assert told["channels"][: len(data.noise)] == list(data.noise)
     assert 1.0 < told["mean_bar"] < 4.0  # the range of the commands
     assert 0.0 < told["difference_bar"] < 1.5
     assert told["rig_change"] is None or "second sensor of the position" in told["rig_change"]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from klute_sim.datasets import dataset as datasets
+from klute_sim.device.device import load_device, parse_device
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -15,7 +16,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals, select_significant_equations
 from klute_sim.diagnosis.localization.misfit_regions import locate_misfit
-from klute_sim.diagnosis.planning.proposals import RIG_CHANGES, propose_experiment
+from klute_sim.diagnosis.planning.proposals import RIG_CHANGES, list_rig_changes, propose_experiment
 from klute_sim.diagnosis.result import DiagnosisOptions
 from klute_sim.diagnosis.workflow import diagnose, fit_base_device
 from tests.diagnosis.synthetic_dataset import write_dataset
@@ -69,12 +70,27 @@ def test_rig_change_is_proposed_where_no_command_separates_models(
     assert with_more_noise.rig_change.added_channels == ("muscle_length",)
     assert with_more_noise.to_dict()["rig_change"] == "with a sensor for the muscle's own length"
     assert with_more_noise.rig_change.description in with_more_noise.to_dict()["sentence"]
+    assert "channels: pressure, muscle_length)" in with_more_noise.to_dict()["sentence"]
+    assert result.to_dict()["channels"] == ["pressure"]  # of the data; no force is asked for
     assert with_more_noise.separation_chi2 > 100.0 * result.separation_chi2 / 30.0**2
     content = result.to_dict()
     assert f"'{content['protocol']}' twice" in content["sentence"]
     same = propose_experiment(weighted_data, dataset.device, sensor, sensor)
     assert same.separation_chi2 < 1e-6
     assert "No known protocol or change of the rig separates these" in same.to_dict()["sentence"]
+
+
+def test_changes_of_the_rig_are_those_of_the_parts() -> None:
+    tendon = b"[tendon]\nslack_length_mm = 90\nstiffness_1_n_per_mm = 60\nstiffness_2_n_per_mm = 0\nengagement_mm = 0\n"
+    cylinder = b"[cylinder]\nextended_length_mm = 200\nstroke_mm = 60\n"
+    told = {
+        name: [change.description for change in list_rig_changes(parse_device(b'name = "part"\n' + content, "part"))]
+        for name, content in {"tendon": tendon, "both": cylinder + tendon}.items()
+    }
+    weight = "with the load cell checked by a dead weight before and after"
+    assert told["tendon"] == ["with the rig as it is", weight]
+    assert "with a sensor for the cylinder's own length" in told["both"]
+    assert list_rig_changes(load_device("klute-3-4")) == list(RIG_CHANGES)
 
 
 def test_finished_fits_are_cached(

@@ -138,5 +138,6 @@ def _evaluate_trial(
     for change in changes:
         added_noise = {name: ADDED_NOISE[parse_channel(name).quantity] for name in change.added_channels}
         predictions = weight_predictions(data, sampling_interval, change, observed, true_values, added_noise)
-        proposals.append(ExperimentProposal(trial, change, compute_separation(best_fit, predictions)))
+        recorded = (*data.noise, *change.added_channels)
+        proposals.append(ExperimentProposal(trial, change, compute_separation(best_fit, predictions), recorded))
     return proposals

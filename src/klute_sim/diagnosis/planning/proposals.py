@@ -65,7 +65,17 @@ RIG_CHANGES = (
     RigChange("with a second gauge at the muscle's own port", ("pressure",)),
     RigChange("with the load cell checked by a dead weight before and after", ("force",)),
 )
-"""Changes of the rig that may be proposed; the first is none."""
+"""Changes of the rig that may be proposed for a device with a muscle; the first is none."""
+
+
+def list_rig_changes(device: Device) -> list[RigChange]:
+    """Return the changes of the rig that may be proposed for ``device``; the first is none."""
+    spec = device.spec
+    if spec.muscle is not None:
+        return list(RIG_CHANGES)
+    if spec.cylinder is not None:
+        return [change._replace(description=change.description.replace("muscle", "cylinder")) for change in RIG_CHANGES]
+    return [change for change in RIG_CHANGES if change.is_none or "force" in change.reference_channels]
 
 
 class ExperimentProposal(NamedTuple):
@@ -77,6 +87,8 @@ class ExperimentProposal(NamedTuple):
     """Change of the rig."""
     separation_chi2: float
     """Chi squared, in independent samples of two repeats, by which the refitted models differ."""
+    channels: tuple[str, ...]
+    """Channels in which they differ: those of the data and of the change of the rig."""
     settings: ProtocolSettings | None = None
     """Pressures of the trial of a joint; a protocol of the bench has none."""
 
@@ -85,17 +97,20 @@ class ExperimentProposal(NamedTuple):
         if self.separation_chi2 <= BIC_THRESHOLD:
             sentence = NOT_SEPARABLE
         else:
-            name, pressures = f"'{self.protocol.name}'", self._list_pressures()
+            name, command = f"'{self.protocol.name}'", f"klute-sim plan --only {self.protocol.name}; "
+            pressures = self._list_pressures()
             if pressures:
                 listing = ", ".join(f"{key.removesuffix('_bar')} {value:.2f} bar" for key, value in pressures.items())
-                name += f" ({listing}; klute-sim plan --model)"
+                name, command = f"{name} ({listing}; klute-sim plan --model)", ""
             sentence = (
-                f"Record protocol {name} twice, {self.rig_change.description}: the models then differ "
+                f"Record protocol {name} twice ({command}channels: {', '.join(self.channels)}), "
+                f"{self.rig_change.description}: the models then differ "
                 f"by a chi squared of about {self.separation_chi2:.0f} ({BIC_THRESHOLD:.0f} are decisive)."
             )
         return {
             "protocol": self.protocol.name,
             **self._list_pressures(),
+            "channels": list(self.channels),
             "rig_change": None if self.rig_change.is_none else self.rig_change.description,
             "separation_chi2": round(self.separation_chi2, 1),
             "sentence": sentence,
@@ -181,10 +196,12 @@ def _evaluate_protocol(
     observed = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=True)
     true_values = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=False)
     proposals = []
-    for rig_change in RIG_CHANGES:
+    for rig_change in list_rig_changes(device):
         if not set(rig_change.added_channels) & set(data.noise):
             predictions = weight_predictions(data, sampling_interval, rig_change, observed, true_values, ADDED_NOISE)
-            proposals.append(ExperimentProposal(protocol, rig_change, compute_separation(best_fit, predictions)))
+            separation = compute_separation(best_fit, predictions)
+            recorded = (*data.noise, *rig_change.added_channels)
+            proposals.append(ExperimentProposal(protocol, rig_change, separation, recorded))
     return proposals
 
 
