@@ -1,5 +1,6 @@
 """Devices without a muscle: a cylinder, a tendon, and a foot alone."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -251,6 +252,21 @@ def test_protocols_run_where_they_apply(tmp_path: Path) -> None:
         ks.simulate_bench(tmp_path / "tendon.toml", "isometric", pressures_bar=[0])
     held = ks.simulate_bench(parse(CYLINDER), "isometric", pressures_bar=[0], muscle_ratios=[0.8, 0.9])
     assert [row["force_n"] for row in held.table] == [0.0, 0.0]
+
+
+def test_documented_foot_alone_is_a_valid_dataset(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "devices.md").read_text("utf-8")
+    blocks = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    (foot,), (dataset,) = ([b for b in blocks if word in b] for word in ("foot on a press", "format = "))
+    (tmp_path / "foot.toml").write_text(foot, "utf-8")
+    (tmp_path / "dataset.toml").write_text(dataset, "utf-8")
+    compression = 1e3 * move(0.005, 0.005)
+    for name, stiffness in (("forefoot", 60.0), ("heel", 45.0)):
+        columns = {"time [s]": TIME_STEP * np.arange(1000), "compression [mm]": compression}
+        write_trial(tmp_path / f"{name}_a.csv", {**columns, "force [N]": stiffness * compression})
+    for trial in load_dataset(tmp_path).trials:
+        length, force = trial.prescribed["length"].value, trial.measured["force"].value
+        assert pull(trial.device, length) == pytest.approx(force, abs=1e-6)
 
 
 @pytest.mark.parametrize(("sections", "part"), [((CYLINDER, DAMPER), "damper"), ((CYLINDER, SEAL), "cylinder")])

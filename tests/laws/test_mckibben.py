@@ -85,6 +85,17 @@ def test_bladder_force_is_the_slope_of_its_energy(ratio: float) -> None:
     assert mckibben.bladder_force(BIG, length) == pytest.approx(slope, rel=1e-5, abs=1e-3)
 
 
+@pytest.mark.parametrize("ratio", [0.75, 0.85, 0.95, 1.0])
+def test_bladder_energy_follows_the_documented_stretches(ratio: float) -> None:
+    """docs/devices.md: the outer surface follows the braid, from the radius of the bladder at rest."""
+    length, turn = ratio * BIG.resting_length, 2.0 * math.pi * BIG.braid_turns
+    radius = math.sqrt(BIG.bladder_radius**2 + (BIG.resting_length**2 - length**2) / turn**2)
+    a, b = ratio**2, (radius / BIG.bladder_radius) ** 2
+    density = BIG.c10 * (a + b + 1 / (a * b) - 3) + BIG.c01 * (a * b + 1 / a + 1 / b - 3)
+    energy = BIG.n_actuators * mckibben.bladder_volume(BIG) * density
+    assert mckibben.bladder_energy(BIG, length) == pytest.approx(energy, rel=1e-9, abs=1e-12)
+
+
 @given(st.floats(0.62, 0.999))
 def test_bladder_resists_contraction_and_is_stress_free_at_rest(ratio: float) -> None:
     assert mckibben.bladder_force(BIG, ratio * BIG.resting_length) < 0.0
