@@ -240,6 +240,7 @@ def test_plan_of_a_part_speaks_of_what_the_part_has(part: str, without: set[str]
         (["klute-3-4-pair", "--out", "full/notes.txt"], "is a file; name a new or an empty folder"),
         (["locked.toml", "--out", "x"], "cannot be tested: its muscle locks"),
         (["foot.toml", "--out", "x"], "describe a foot alone as a [tendon]"),
+        (["both.toml", "--out", "x"], "device 'part' has no plan: its [tendon] cannot push the piston"),
         (["spring.toml", "--out", "x", "--only", "steps"], "'steps' steps the pressure, but 'part' has no [supply]"),
     ],
 )
@@ -251,10 +252,12 @@ def test_invalid_input_gives_one_sentence(arguments: list[str], says: str, tmp_p
     (tmp_path / "locked.toml").write_text(text.replace("braid_length_ratio = 1.053039", "braid_length_ratio = 1.73"))
     (tmp_path / "foot.toml").write_text('name = "foot"\n[foot]\npreset = "sach"\n')
     (tmp_path / "spring.toml").write_text(f'name = "part"\n{PARTS["tendon"]}')
+    (tmp_path / "both.toml").write_text(f'name = "part"\n{CYLINDER}{PARTS["tendon"]}')
     done = run(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert says in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert done.stdout == ""
-    assert {file.name for file in tmp_path.iterdir()} == {"full", "locked.toml", "foot.toml", "spring.toml"}
+    devices = {"locked.toml", "foot.toml", "spring.toml", "both.toml"}
+    assert {file.name for file in tmp_path.iterdir()} == {"full", *devices}
     assert (tmp_path / "full" / "notes.txt").read_text() == "mine"

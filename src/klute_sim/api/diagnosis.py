@@ -13,7 +13,7 @@ from klute_sim.api.rendering import Printable, Summary
 from klute_sim.api.saved_plan import SavedPlan
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.dataset import Dataset
-from klute_sim.device.device import Device, check_accepts_pressure, check_is_testable
+from klute_sim.device.device import Device
 from klute_sim.diagnosis.mechanism_files import build_mechanism_files
 from klute_sim.diagnosis.planning import measurement_plan
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions, Verdict
@@ -339,8 +339,7 @@ def plan_measurements(
     """
     measurement_plan.check_repeats(n_repeats)
     chosen_device = to_device(device)
-    check_is_testable(chosen_device)
-    check_accepts_pressure(chosen_device, "the plan")
+    measurement_plan.check_has_plan(chosen_device)
     protocols = measurement_plan.select_protocols(only, chosen_device)
     programs = tuple(measurement_plan.round_program(p.build_program(chosen_device)) for p in protocols)
     return MeasurementPlan(chosen_device, tuple(protocols), programs, n_repeats, simulate)

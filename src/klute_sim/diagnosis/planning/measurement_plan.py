@@ -11,7 +11,7 @@ from klute_sim.bench.protocols.library import load_identification_protocols
 from klute_sim.datasets.format import FORMAT_NAME
 from klute_sim.datasets.trial import Use
 from klute_sim.datasets.write import write_trial
-from klute_sim.device.device import Device
+from klute_sim.device.device import Device, check_accepts_pressure, check_is_testable
 from klute_sim.device.dynamics import compute_tension
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
@@ -52,6 +52,18 @@ def select_protocols(names: Sequence[str], device: Device) -> list[Identificatio
     if names:
         return [protocol for name, protocol in protocols.items() if name in names]
     return [protocol for protocol in protocols.values() if not protocol.explain_uselessness(device)]
+
+
+def check_has_plan(device: Device) -> None:
+    """Raise InputError when a tester cannot pull ``device``, or no plan reveals it."""
+    check_is_testable(device)
+    check_accepts_pressure(device, "the plan")
+    if device.spec.muscle is None and device.spec.cylinder is not None and device.spec.tendon is not None:
+        raise InputError(
+            f"device '{device.name}' has no plan: its [tendon] cannot push the piston of its [cylinder] back between "
+            "moves; plan both parts alone (one file without [tendon], one without [cylinder] and [damper]), or record "
+            "pulls that each begin with the piston at its inner stop"
+        )
 
 
 def assign_uses(protocols: Sequence[IdentificationProtocol]) -> list[Use | None]:

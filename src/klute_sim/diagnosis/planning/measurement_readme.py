@@ -32,7 +32,7 @@ Measurements of '{device}' on a tensile tester
    pressure_command [bar]  as given to the regulator, at the time it was given
    force [N]               load cell; tension is positive
    pressure [bar]          gauge on the {moving_part}
-   muscle_length [mm]      length of the {moving_part} alone (optional)
+   muscle_length [mm]      length of the muscle alone (optional)
    Other units are allowed (kgf, kPa, in, ms): write them in the brackets. Leave cells without a sample empty. Log
    1000 rows per second if possible, 200 at least: nobody knows the motion between two rows.
 
@@ -70,7 +70,7 @@ PART_RIG_CHANGES = """\
 PRESSURE_LINES = ("   pressure_command [bar]", "   pressure [bar]")
 """Beginnings of the lines of README.txt that a device without a supply does not need."""
 MUSCLE_LENGTH_LINE = "   muscle_length [mm]"
-"""Beginning of the line that a device without a muscle does not need, unless a cylinder moves behind a tendon."""
+"""Beginning of the line that a device without a muscle does not need."""
 BARE_MUSCLE_NOTE = """
 6. This device has no tendon: the clamps hold the muscle itself. At short lengths and low pressures it pushes (negative
    force). The clamps must take that, and the muscle must not buckle; if it does, empty the force cells in those rows
@@ -120,25 +120,18 @@ def format_readme(
         notes=_describe_clamping(device, programs),
         rig_changes=MUSCLE_RIG_CHANGES if device.spec.muscle else PART_RIG_CHANGES,
     )
-    has_inner_length = device.spec.muscle is not None or _has_inner_length(device)
-    absent = (*(() if has_supply else PRESSURE_LINES), *(() if has_inner_length else (MUSCLE_LENGTH_LINE,)))
+    absent = (*(() if has_supply else PRESSURE_LINES), *(() if device.spec.muscle else (MUSCLE_LENGTH_LINE,)))
     return "".join(line for line in readme.splitlines(keepends=True) if not line.startswith(absent))
 
 
 def _name_moving_part(device: Device) -> str:
-    return "muscle" if device.spec.muscle else "cylinder" if device.spec.cylinder else "clamp"
-
-
-def _has_inner_length(device: Device) -> bool:
-    """Return whether a part moves behind a tendon, so that its length is not that of the unit."""
-    return device.spec.tendon is not None and _name_moving_part(device) != "clamp"
+    return "muscle" if device.spec.muscle else "cylinder"
 
 
 def _describe_length(device: Device) -> str:
-    part = _name_moving_part(device)
     if device.spec.tendon is None:
-        return f"of the {part}, clamp to clamp"
-    return f"of the whole unit, {part} and tendon" if _has_inner_length(device) else "of the tendon, clamp to clamp"
+        return f"of the {_name_moving_part(device)}, clamp to clamp"
+    return "of the whole unit, muscle and tendon" if device.spec.muscle else "of the tendon, clamp to clamp"
 
 
 def _describe_ranges(programs: Sequence[Program], *, has_supply: bool) -> str:
@@ -174,8 +167,6 @@ def _describe_clamping(device: Device, programs: Sequence[Program]) -> str:
     if spec.cylinder is None:
         stretch = max(program.unit_length.max() for program in programs) - parameters.tendon.slack_length
         return TENDON_NOTE.format(force=tendon_law.force(parameters.tendon, float(stretch)))
-    if spec.tendon:
-        return ""
     speed = _find_top_speed(programs)
     force = max(abs(damper_law.force(parameters.damper, sign * speed)) for sign in (-1.0, 1.0))
     return CYLINDER_NOTE.format(force=DAMPER_FORCE_SENTENCE.format(force=force) if spec.damper else "")
