@@ -137,6 +137,22 @@ def test_held_command_is_taken_where_it_explains_the_data_better(
     assert len(remarks) == is_held
 
 
+@pytest.mark.parametrize(("names", "is_tried"), [("supply_droop clock_skew", True), ("supply_droop", False)])
+def test_held_command_is_tried_for_a_shift_that_a_large_effect_hides(
+    names: str, is_tried: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    linear, held = make_outcome(names), make_outcome("supply_droop", bic=-90.0)
+    searches: list[Any] = []
+    monkeypatch.setattr(workflow, "_compute_chi2", lambda data, fit: 2.0)  # more than 1.0 of the linear commands
+    monkeypatch.setattr(workflow, "_search_model", lambda *arguments: searches.append(arguments) or held)
+    no_argument: Any = None
+    outcome, _ = workflow._compare_with_held_commands(
+        no_argument, linear, no_argument, no_argument, no_argument, lambda fraction, stage: None
+    )
+    assert len(searches) == is_tried
+    assert outcome is (held if is_tried else linear)
+
+
 @pytest.mark.slow
 def test_held_command_is_no_delay(tmp_path: Path) -> None:
     diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", holds_command=True)))

@@ -265,13 +265,15 @@ def _compare_with_held_commands(
     """Return the outcome with linear or with held commands, whichever explains the data better, and what to say of it.
 
     A delay of up to a sampling interval of the command may be a course of the command between its samples. ``linear``
-    is the outcome with linear commands. Held ones are tried where they reduce the misfit of its device without effects.
+    is the outcome with linear commands. Held ones are tried where they reduce the misfit of its device without effects,
+    and where it names a shift in time: a large effect can hide that they fit better.
     """
     if not any(e.held_variant for e in linear.experiments if e.use == "fit" and e.measured):
         return linear, []
     experiments = [e.held_variant or e for e in linear.experiments]
     fitted = [e for e in experiments if e.use == "fit" and e.measured]
-    if not _compute_chi2(linear.data.with_experiments(fitted), linear.base_fit) <= linear.base_fit.chi2:
+    has_less_misfit = _compute_chi2(linear.data.with_experiments(fitted), linear.base_fit) <= linear.base_fit.chi2
+    if not has_less_misfit and linear.n_time_shifts == 0:
         return linear, []
     progress(0.2, "fitting with commands that are held until the next sample")
     held = _search_model(dataset, experiments, simulator, cache, options, progress)
