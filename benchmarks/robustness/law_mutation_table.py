@@ -15,6 +15,7 @@ TESTS_OF_FOLDER = {
         "tests/laws/test_hill.py",
         "tests/laws/test_air_limits.py",
         "tests/laws/test_pneumatic_step.py",
+        "tests/laws/test_regulator_upstream.py",
     ),
     # The sizes come first because they find most mutations within seconds.
     "effects": (
@@ -33,6 +34,7 @@ TESTS_OF_FOLDER = {
     "device": (
         "tests/device/test_dynamics.py",
         "tests/device/test_pneumatics.py::test_work_at_the_default_step_is_right_within_three_per_mille",
+        "tests/effects/test_downstream_restriction.py::test_motion_does_not_move_the_pressure_of_a_lagging_regulator",
     ),
 }
 """Tests that run for the mutations of a folder: those of the same name and no others."""
@@ -207,7 +209,19 @@ WRONG_LAWS = (
         "source, opening_is_fixed = min(source, target), False",
         "source, opening_is_fixed = source, False",
     ),
-    ("vent past the regulator", "laws/pneumatic_step.py", "target = sink = min(max", "target = min(max"),
+    ("vent past the regulator", "laws/pneumatic_step.py", "target = sink = regulate", "target = regulate"),
+    (
+        "needle after a regulator of any rate",
+        "laws/pneumatic_step.py",
+        "regulate(supply, held, target, dt)",
+        "min(max(target, 0.0), supply.max_pressure)",
+    ),
+    (
+        "regulator that starts at the muscle",
+        "laws/pneumatic_step.py",
+        "regulate(supply, held,",
+        "regulate(supply, pressure,",
+    ),
     (
         "regulator that follows the motion",
         "device/dynamics.py",

@@ -31,10 +31,12 @@ def typical(*keys: tuple[str, str]) -> list[dict]:
     return [plan.draw_effect(catalogue.EFFECTS, key, None) for key in keys]
 
 
-def stepped(effects: list[dict], step: float) -> dict[str, np.ndarray]:
-    """The package's device on the trace grid, without the start."""
+def stepped(effects: list[dict], step: float, rate: float | None = None) -> dict[str, np.ndarray]:
+    """The package's device on the trace grid, without the start; its regulator has ``rate`` [Pa/s] if given."""
     values = own.pack_effects({(e["name"], e["form"]): e["parameters"] for e in effects})
     device: DeviceParameters = load_device("klute-3-4-pair").parameters._replace(effects=values)
+    if rate is not None:
+        device = device._replace(supply=device.supply._replace(max_pressure_rate=rate))
     every = round(1e-3 / step)
     time = np.arange(1, (len(PROGRAM.length) - 1) * every + 1) * step
     length = PPoly(PROGRAM.spline_coefficients(), np.arange(len(PROGRAM.length)) * 1e-3)(time)
@@ -45,13 +47,17 @@ def stepped(effects: list[dict], step: float) -> dict[str, np.ndarray]:
     return {name: values[every - 1 :: every] for name, values in series.items()}
 
 
-def apart(effects: list[dict], named: list[dict] | None = None) -> dict[str, float]:
-    """Rms of what they differ by in the second half, by channel; the package knows the effects as ``named``."""
+def apart(effects: list[dict], named: list[dict] | None = None, rate: float | None = None) -> dict[str, float]:
+    """Rms of what they differ by in the second half, by channel; the package knows the effects as ``named``.
+
+    Both regulators have ``rate`` [Pa/s] if given.
+    """
     names = {e["name"] for e in effects}
     step = FINE_STEP if "supply_droop" in names else VALVE_STEP if {"choked_valve", "hose"} & names else STEP
     tolerance = FINE_TOLERANCE if "supply_droop" in names else simulate.LENGTH_TOLERANCE
-    made = simulate.simulate_trace(PROGRAM, *device.add_effects(LAW, AIR, effects), tolerance=tolerance)
-    coarse, fine = (stepped(effects if named is None else named, dt) for dt in (2.0 * step, step))
+    air = AIR if rate is None else AIR._replace(max_rate=rate)
+    made = simulate.simulate_trace(PROGRAM, *device.add_effects(LAW, air, effects), tolerance=tolerance)
+    coarse, fine = (stepped(effects if named is None else named, dt, rate) for dt in (2.0 * step, step))
     late = len(PROGRAM.length) // 2
     gap = {name: (made[name][1:] - (2.0 * fine[name] - coarse[name]))[late:] for name in CHANNELS}
     return {name: float(np.sqrt(np.mean(each**2))) for name, each in gap.items()}
@@ -156,6 +162,12 @@ LEFT = {"adiabatic recovery and tank": CLOSED_IN}
 @pytest.mark.parametrize("name", marked(COMBINATIONS, LEFT))
 def test_combined_effects_agree_with_package(name: str) -> None:
     for channel, gap in apart(COMBINATIONS[name]).items():
+        assert gap < 2.0 * CHANNELS[channel], (channel, gap)
+
+
+@pytest.mark.parametrize("others", [(), (("pressure_lag", "first_order"),)], ids=["needle", "needle and lag"])
+def test_needle_after_a_slow_regulator_agrees_with_package(others: tuple[tuple[str, str], ...]) -> None:
+    for channel, gap in apart(restricted(*others), rate=4e5).items():
         assert gap < 2.0 * CHANNELS[channel], (channel, gap)
 
 

@@ -71,6 +71,17 @@ def test_lag_of_the_regulator_acts_upstream_of_the_restriction_and_converges() -
     assert errors[1] / errors[2] == pytest.approx(2.0, rel=0.3)
 
 
+@pytest.mark.parametrize("others", [{}, LAG], ids=["alone", "with lag"])
+def test_needle_without_resistance_leaves_the_regulator_with_its_rate(others: dict) -> None:
+    slow = BARE._replace(supply=BARE.supply._replace(max_pressure_rate=10.0 * BAR))
+    command = np.repeat([4.0, 1.0], 600) * BAR
+    plain = measure_pressure(slow._replace(effects=catalogue.pack_effects(others)), command, 1e-3)
+    wide = {("choked_valve", "downstream"): NEEDLE | {"resistance_s_bar_per_dm3": 1e-3}}
+    behind = measure_pressure(slow._replace(effects=catalogue.pack_effects(others | wide)), command, 1e-3)
+    assert behind == pytest.approx(plain, abs=1e-3 * BAR)
+    assert np.abs(np.diff(plain)).max() > 0.9e-3 * 10.0 * BAR
+
+
 def test_second_order_lag_oscillates_upstream_of_a_wide_restriction_only() -> None:
     lag = {("pressure_lag", "second_order"): {"time_constant_s": 0.02, "damping_ratio": 0.3}}
     wide = {("choked_valve", "downstream"): {"resistance_s_bar_per_dm3": 0.01, "critical_ratio": 0.3}}

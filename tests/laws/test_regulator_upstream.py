@@ -23,10 +23,10 @@ MAX_PRESSURE = 6e5
 TEMPERATURE = 293.15
 VOLUME = 1e-4
 NEEDLE = Restriction(1e-9, 0.3)
-SUPPLY = SupplyParameters(
-    MAX_PRESSURE, 1e5, TEMPERATURE, *NEEDLE, *NEEDLE, regulator_is_upstream=1.0
-)  # its maximum rate must not matter
-VALVE = SUPPLY._replace(regulator_is_upstream=0.0, max_pressure_rate=1e12)
+SUPPLY = SupplyParameters(MAX_PRESSURE, 1e12, TEMPERATURE, *NEEDLE, *NEEDLE, regulator_is_upstream=1.0)
+VALVE = SUPPLY._replace(regulator_is_upstream=0.0)
+SLOW = SUPPLY._replace(max_pressure_rate=2e6)
+"""A regulator that takes 0.2 s to 4 bar, as long as the needle."""
 DT = 1e-3
 
 
@@ -68,6 +68,88 @@ def test_clamped_muscle_follows_the_flow_of_iso_6358_and_converges(start: float,
     assert errors[2] < 5e-3 * abs(command - start)
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.15)
     assert errors[1] / errors[2] == pytest.approx(2.0, rel=0.15)
+
+
+def ramp(time: float, start: float, command: float, rate: float) -> float:
+    """Return the pressure [Pa] of a regulator ``time`` [s] after a step of its command."""
+    return start + math.copysign(min(abs(command - start), rate * time), command - start)
+
+
+@pytest.mark.parametrize(("start", "command"), [(0.0, 4e5), (5e5, 1e5), (3e5, 0.0)])
+def test_rate_is_limited_upstream_of_the_restriction(start: float, command: float) -> None:
+    def rate(time: float, p: list[float]) -> list[float]:
+        outlet = ramp(time, start, command, SLOW.max_pressure_rate) + ATMOSPHERIC_PRESSURE
+        flow = valve.mass_flow(NEEDLE, outlet, p[0] + ATMOSPHERIC_PRESSURE, TEMPERATURE)
+        return [AIR_GAS_CONSTANT * TEMPERATURE * flow / VOLUME]
+
+    end, errors = 1.5, []
+    for dt in (4e-3, 2e-3, 1e-3):
+        times = dt * np.arange(1, round(end / dt) + 1)
+        exact = solve_ivp(rate, (0.0, end + dt), [start], t_eval=times, rtol=1e-9, atol=1e-3, max_step=2e-3).y[0]
+        pressures, states = simulate(SLOW, [command] * len(times), start, dt)
+        errors.append(np.abs(pressures - exact).max())
+        outlets = pressures - [s.pressure_disturbance for s in states]
+        assert outlets == pytest.approx([ramp(t, start, command, SLOW.max_pressure_rate) for t in times], abs=1e-3)
+    assert errors[2] < 5e-3 * abs(command - start)
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.15)
+    assert errors[1] / errors[2] == pytest.approx(2.0, rel=0.15)
+
+
+def test_restriction_without_resistance_leaves_the_ramp_of_the_regulator() -> None:
+    commands = [4e5] * 300 + [1e5] * 300
+    ideal = SLOW._replace(fill_conductance=0.0)
+    pressure, expected = 0.0, []
+    for command in commands:
+        pressure = pneumatic_step.charge_ideal(ideal, pressure, command, DT).pressure
+        expected.append(pressure)
+    gaps = []
+    for conductance in (1e-6, 1e-5, 1e-4):
+        wide = SLOW._replace(fill_conductance=conductance, exhaust_conductance=conductance)
+        gaps.append(np.abs(simulate(wide, commands, 0.0)[0] - expected).max())
+    assert gaps[0] < 0.01 * 4e5
+    assert gaps[1] < 0.15 * gaps[0]
+    assert gaps[2] < 0.15 * gaps[1]
+
+
+def test_rate_that_no_step_exceeds_changes_no_bit() -> None:
+    commands = [4e5] * 50 + [1e5] * 50
+    runs = [simulate(SUPPLY._replace(max_pressure_rate=rate), commands, 0.0) for rate in (4.1e5 / DT, 1e12, 1e300)]
+    for pressures, states in runs[1:]:
+        assert pressures.tolist() == runs[0][0].tolist()
+        assert states == runs[0][1]
+
+
+def test_motion_does_not_move_the_outlet_of_the_regulator() -> None:
+    volumes = (VOLUME * (1.2 - 0.2 * np.cos(40.0 * DT * np.arange(401)))).tolist()
+    supply = SLOW._replace(polytropic_exponent=1.3, thermal_time_constant=0.05, leak_conductance=1e-10)
+    pressures, states = simulate(supply, [5e5] * 400, 0.0, volumes=volumes)
+    outlets = pressures - [s.pressure_disturbance for s in states]
+    assert outlets == pytest.approx([ramp(DT * k, 0.0, 5e5, 2e6) for k in range(1, 401)], abs=1e-3)
+
+
+@given(
+    st.lists(st.floats(0.0, 1.2 * MAX_PRESSURE), min_size=1, max_size=8),
+    st.floats(0.0, MAX_PRESSURE),
+    st.floats(1e-12, 1e-5),
+    st.floats(1e3, 1e9),
+    st.floats(1e-5, 1e-1),
+)
+def test_outlet_approaches_each_command_at_its_rate_and_never_passes_it(
+    commands: list[float], start: float, conductance: float, rate: float, dt: float
+) -> None:
+    supply = SUPPLY._replace(fill_conductance=conductance, exhaust_conductance=conductance, max_pressure_rate=rate)
+    pressure, gas = start, pneumatic_step.equilibrium_gas(supply, start, VOLUME, VOLUME)
+    outlet = lowest = highest = start
+    for command in commands:
+        held = min(command, MAX_PRESSURE)
+        for _ in range(5):
+            before = outlet
+            pressure, gas = step_air(supply, gas, pressure, command, (VOLUME, VOLUME), dt)
+            outlet = pressure - gas.pressure_disturbance
+            assert min(before, held) - 1e-6 <= outlet <= max(before, held) + 1e-6
+            assert abs(outlet - before) == pytest.approx(min(rate * dt, abs(held - before)), rel=1e-9, abs=1e-6)
+            lowest, highest = min(lowest, outlet), max(highest, outlet)
+            assert lowest - 1e-6 <= pressure <= highest + 1e-6
 
 
 @given(

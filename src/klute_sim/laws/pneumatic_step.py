@@ -6,9 +6,10 @@ A step has two halves. First air flows while the muscle keeps its volume (:func:
 temperature pressure, volume and mass satisfy the gas law to the last bits. Air enters with the supply's temperature and
 leaves with that of the muscle, p V/(m R).
 
-A regulator upstream of a fixed restriction holds its pressure there, not in the muscle. Air flows from it while the
-muscle has less, and back while the muscle has more: the regulator relieves that air into the room, and a tank does not
-get it back. A tank with less pressure than the muscle accepts none (a check valve, assumed).
+A regulator upstream of a fixed restriction holds its pressure there, not in the muscle, and the limit of its rate acts
+there (its outlet has no volume, assumed). Air flows from it while the muscle has less, and back while the muscle has
+more: the regulator relieves that air into the room, and a tank does not get it back. A tank with less pressure than the
+muscle accepts none (a check valve, assumed).
 
 Three limits keep the absolute pressure and every mass positive for any step; none of them acts unless a step would
 move more air than there is. A leak of a muscle on a regulator ends when muscle and room have equal pressures, and the
@@ -234,14 +235,14 @@ def _charge_by_valve(
     """
     total_volume, source = volume + supply.dead_volume, supply_pressure(supply, gas.drawn_mass)
     mass = enclosed_air_mass(supply, gas, pressure, volume, resting_volume)
+    held = pressure - gas.pressure_disturbance  # by a regulator upstream
     if supply.thermal_time_constant > 0.0 and supply.polytropic_exponent != 1.0:
         isothermal = mass * AIR_GAS_CONSTANT * supply.temperature / total_volume - ATMOSPHERIC_PRESSURE
         pressure += (isothermal - pressure) * dt / (supply.thermal_time_constant + dt)
     opening, opening_is_fixed, phase, duty, sink = 0.0, True, gas.pwm_phase, gas.pwm_duty, 0.0
     is_regulated = has_regulator_upstream(supply)
     if is_regulated:
-        # Dynamics of the regulator may overshoot what it can hold.
-        target = sink = min(max(target, 0.0), supply.max_pressure)
+        target = sink = regulate(supply, held, target, dt)
         source, opening_is_fixed = min(source, target), False
     elif supply.command_is_opening != 0.0:
         opening = min(max(target, -1.0), 1.0)

@@ -19,8 +19,8 @@ class SupplyParameters(NamedTuple):
     max_pressure: float
     """Maximum gauge pressure [Pa]; commands are clipped to 0 ... this pressure."""
     max_pressure_rate: float
-    """Maximum rate of pressure change in both directions [Pa/s]; applies to a regulator, not to a valve with a gain or
-    to a regulator upstream of a restriction."""
+    """Maximum rate of pressure change in both directions [Pa/s]; applies to a regulator, at its outlet where it is
+    upstream of a restriction, and to an ideal pilot stage, but not to a valve with a gain."""
     temperature: float
     """Gas temperature [K]."""
     fill_conductance: float = 0.0

@@ -27,8 +27,9 @@ def choke_asymmetric(p: Any, state: Any, supply: SupplyParameters) -> SupplyPara
 def restrict_downstream(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
     """Return a regulator that feeds the muscle through a fixed restriction of ``p.resistance``, as a needle valve.
 
-    The regulator holds the command upstream of the restriction and relieves a higher pressure into the room, so the
-    flow ends where the muscle's pressure meets the command. A device whose commands are openings has no such regulator.
+    The regulator follows the command upstream of the restriction, at most with the rate of the supply [Pa/s], and
+    relieves a higher pressure into the room, so the flow ends where the muscle's pressure meets the command. Without
+    resistance the muscle has the pressure of the regulator. A device whose commands are openings has no such regulator.
     """
     return _with_valve(p.resistance, p.resistance, p.critical_ratio, 1.0, supply)
 
@@ -173,8 +174,8 @@ CHOKED_VALVE = Effect(
         ),
         EffectForm(
             name="downstream",
-            equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b), p1 the higher of command and p, p2 the lower; "
-            "p V = m R T",
+            equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b), p1 the higher of r and p, p2 the lower; "
+            "dr/dt = regulator; p V = m R T",
             parameters=(_make_resistance_parameter("resistance_s_bar_per_dm3"), _CRITICAL_RATIO),
             laws={"supply": restrict_downstream},
         ),
