@@ -23,6 +23,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
     PredictiveModel,
     PredictiveResult,
+    are_substitutes,
     choose_model,
     choose_stable_model,
     divide_into_folds,
@@ -97,6 +98,23 @@ def test_term_that_only_moves_a_parameter_off_its_bound_is_no_name() -> None:
     needed = make_model((FRICTION, GAIN), [0.4, 0.5, 0.4, 0.5, 0.4, 0.5])
     poor = make_model((FRICTION,), [2.0, 2.1, 2.0, 2.1, 2.0, 2.1], "it is at its bound")
     assert refuse_idle_terms(BASE, [needed, poor, BASE], 6) == [needed, poor, BASE]
+
+
+def test_names_that_refused_models_replace_stand_in_for_something_else() -> None:
+    pair = make_model((FRICTION, GAIN), [0.2] * 6)
+    other = make_model((TAPER,), [0.3] * 6, "it is at its bound")
+    assert are_substitutes(BASE, pair, [pair, other, BASE])
+    # Not where one of the names is in all such models, and they predict clearly worse or may be named (as rivals).
+    partly = make_model((FRICTION, TAPER), [0.3] * 6, "it is at its bound")
+    assert not are_substitutes(BASE, pair, [pair, partly, BASE])
+    worse = make_model((TAPER,), [1.0] * 6, "it is at its bound")
+    nameable = make_model((TAPER,), [0.3] * 6)
+    assert not are_substitutes(BASE, pair, [pair, worse, nameable, BASE])
+    single = make_model((FRICTION,), [0.2] * 6)
+    assert not are_substitutes(BASE, single, [single, other, BASE])
+    decision = decide_verdict(replace(make_result(pair, [], 1.0, 0.9), has_substitutes=True))
+    assert decision.verdict == "unexplained"
+    assert "something else is missing" in decision.reasons[-1]
 
 
 def test_names_that_one_fold_decides_do_not_withhold_the_others() -> None:

@@ -127,6 +127,12 @@ def decide_verdict(
     if result.share < MIN_SHARE:
         reasons.append(f"Less than {100 * MIN_SHARE:.0f} % is not worth a name.")
         return ImperfectLawDecision(unexplained, reasons)
+    if result.has_substitutes:
+        reasons.append(
+            f"Models without {' or without '.join(map(str, chosen.terms))} predict nearly as well, but may not be "
+            "named: something else is missing that resembles them, and they are proxies."
+        )
+        return ImperfectLawDecision(unexplained, reasons)
     coincidence = describe_coincidence(chosen.terms)
     if coincidence:
         return ImperfectLawDecision(unexplained, [*reasons, coincidence])

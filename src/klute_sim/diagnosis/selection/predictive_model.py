@@ -29,6 +29,10 @@ of measured muscles take 0.33 beside a passive tension)."""
 MIN_STABILITY = 0.8
 """Fraction of the selections without one fold in which an effect must be chosen again."""
 
+MIN_REFUSED_MARGIN = 0.05
+"""Part of what a set of names gains that models without one of them, which may not be named themselves, must miss for
+one name at least (assumed: in generated data, sets of false names are replaced at less, and true ones are not)."""
+
 
 class FoldPart(NamedTuple):
     """Part of a trial that a fold leaves out."""
@@ -101,6 +105,8 @@ class PredictiveResult:
     """What is left out: 'condition', 'specimen' or 'part'."""
     n_folds: int
     """Number of conditions, specimens or parts."""
+    has_substitutes: bool = False
+    """Whether the terms of the chosen model stand in for what may not be named (:func:`are_substitutes`)."""
 
     @property
     def is_stable(self) -> bool:
@@ -225,6 +231,19 @@ def refuse_idle_terms(
         else:
             checked.append(model)
     return checked
+
+
+def are_substitutes(base: PredictiveModel, chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> bool:
+    """Return whether each term of a ``chosen`` set stands in for something that may not be named.
+
+    Models of ``models`` without such a term predict nearly as well, but have an obstacle, such as a parameter at its
+    bound: what is missing resembles both, so neither is its name. A single name is judged by its rivals alone.
+    """
+    if len(chosen.terms) < 2:
+        return False
+    limit = chosen.error + MIN_REFUSED_MARGIN * (base.error - chosen.error)
+    refused = [model.identities for model in models if model.terms and model.obstacle and model.error <= limit]
+    return all(any(term.identity not in identities for identities in refused) for term in chosen.terms)
 
 
 def choose_stable_model(

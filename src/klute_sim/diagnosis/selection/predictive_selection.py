@@ -33,6 +33,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
     PredictiveModel,
     PredictiveResult,
+    are_substitutes,
     choose_stable_model,
     divide_into_folds,
     is_as_good,
@@ -289,6 +290,7 @@ class PredictiveSelection:
             noise,
             self.fold_kind,
             len(self.folds),
+            are_substitutes(base, chosen, models),
         )
 
 
