@@ -137,7 +137,8 @@ def _run_workflow(
     reasons += describe_registration(zip(names, fit.values, selected.confidence_intervals, strict=True))
     reasons += filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
     reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit)]
-    reasons += describe_undetermined_parameters(fit, selected.confidence_intervals)
+    if selected.verdict != "unexplained":  # proxies show no effect
+        reasons += describe_undetermined_parameters(fit, selected.confidence_intervals)
     if dataset.tolerance and selected.verdict != "nothing-missing":
         reasons += describe_exceeded_tolerance(search, base_fit)
     if not selected.has_converged:
