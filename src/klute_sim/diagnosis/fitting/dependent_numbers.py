@@ -20,7 +20,6 @@ RELATION_MARGIN = 0.02
 """Fraction by which dependent numbers stay inside their limits, so that rounding does not cross them."""
 RADIUS, THICKNESS = "muscle.bladder_radius_mm", "muscle.bladder_thickness_mm"
 BRAID_RATIO, TURNS = "muscle.braid_length_ratio", "muscle.turns_per_m"
-
 RESTING_LENGTH, SLACK_LENGTH = "muscle.resting_length_mm", "tendon.slack_length_mm"
 NEUTRAL_RATIO = "mounting.neutral_muscle_ratio"
 

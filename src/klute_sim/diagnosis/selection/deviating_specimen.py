@@ -28,10 +28,10 @@ def find_deviating_specimen(search: ForwardSelection, numbers: list[EffectTerm])
     """
     for index, step in enumerate(search.history):
         current = step.initial_fit
-        chi2 = current.chi2 - search.data.n_effective
+        excess = current.chi2 - search.data.n_effective
         search.report_stage("trying numbers of single specimens")
         candidates = screen_candidates(search.data, current, list_further_terms(numbers, current))
-        promising = [candidate for candidate in candidates if candidate.predicted_gain > MIN_GAIN_FRACTION * chi2]
+        promising = [candidate for candidate in candidates if candidate.predicted_gain > MIN_GAIN_FRACTION * excess]
         extended = _extend(search, current, promising[:MAX_REFITS])
         if extended is not None:
             history = [*search.history[:index], extended]

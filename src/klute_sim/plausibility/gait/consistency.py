@@ -6,7 +6,14 @@ import numpy as np
 
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gait.positions import Motion, ScaledSeries
-from klute_sim.plausibility.gait.steps import TOE_OFF_PCT, Step, average_cycle, measure_stride_time
+from klute_sim.plausibility.gait.steps import (
+    LOADED_STANCE_PCT,
+    MIN_KNOWN_PHASES,
+    TOE_OFF_PCT,
+    Step,
+    average_cycle,
+    measure_stride_time,
+)
 from klute_sim.plausibility.samples import compute_correlation
 from klute_sim.types import Array
 
@@ -42,11 +49,11 @@ def check_ankle_sign(channels: Mapping[str, ScaledSeries], steps: list[Step], pl
 
 def check_moment(channels: Mapping[str, ScaledSeries], steps: list[Step], place: str) -> list[Finding]:
     """Return the finding on the ankle moment compared with that of the ground reaction about the ankle."""
-    moment = average_cycle(channels["ankle_moment"].series, steps)[4:58]
+    moment = average_cycle(channels["ankle_moment"].series, steps)[LOADED_STANCE_PCT]
     ground = compute_ground_moment(channels, steps)
     known = np.isfinite(ground) & np.isfinite(moment)
     moment, ground = moment[known], ground[known]
-    if len(moment) < 20 or not ground.any():
+    if len(moment) < MIN_KNOWN_PHASES or not ground.any():
         return []
     correlation, ratio = compute_correlation(moment, ground), float(moment @ ground / (ground @ ground))
     if correlation < -0.7:
@@ -75,10 +82,11 @@ def compute_ground_moment(channels: Mapping[str, ScaledSeries], steps: list[Step
     A load in front of the ankle is positive; NaN where it is unknown.
     """
     vertical, forward, height = (
-        average_cycle(channels[name].series, steps)[4:58] for name in ("grf_vertical", "grf_forward", "ankle_z")
+        average_cycle(channels[name].series, steps)[LOADED_STANCE_PCT]
+        for name in ("grf_vertical", "grf_forward", "ankle_z")
     )
     cop, x = channels["cop_x"].series, channels["ankle_x"].series
-    arm = average_cycle(cop._replace(value=cop.value - np.interp(cop.time, x.time, x.value)), steps)[4:58]
+    arm = average_cycle(cop._replace(value=cop.value - np.interp(cop.time, x.time, x.value)), steps)[LOADED_STANCE_PCT]
     return np.asarray(arm * vertical + height * forward)
 
 

@@ -20,7 +20,13 @@ from klute_sim.plausibility.bench.mistakes import ATMOSPHERE
 from klute_sim.plausibility.bench.trial import SI_UNITS, RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gait.consistency import compute_ground_moment
-from klute_sim.plausibility.gait.steps import Series, average_cycle, find_steps
+from klute_sim.plausibility.gait.steps import (
+    LOADED_STANCE_PCT,
+    MIN_KNOWN_PHASES,
+    Series,
+    average_cycle,
+    find_steps,
+)
 from klute_sim.plausibility.gait.trial import GaitChannels
 from klute_sim.plausibility.samples import compute_correlation
 from klute_sim.plausibility.units import Range, guess_unit, round_digits
@@ -130,11 +136,11 @@ def _check_tension(trial: RecordedTrial, walk: GaitChannels) -> list[Finding]:
     if not steps:
         return []
     channel, samples = trial.channels["force"], trial.get_samples("force")
-    tension = average_cycle(Series(channel.time, samples.value), steps)[4:58]
+    tension = average_cycle(Series(channel.time, samples.value), steps)[LOADED_STANCE_PCT]
     needed = compute_ground_moment(walk.channels, steps) / MOMENT_ARM
     is_known = np.isfinite(tension) & np.isfinite(needed)
     tension, needed = tension[is_known], needed[is_known]
-    if len(needed) < 20 or not needed.any():
+    if len(needed) < MIN_KNOWN_PHASES or not needed.any():
         return []
     correlation, ratio = compute_correlation(tension, needed), float(tension @ needed / (needed @ needed))
     largest = round_digits(float(needed.max()) / samples.factor)

@@ -14,6 +14,10 @@ MIN_CONTACT_FRACTION, MIN_SWING_FRACTION = 0.3, 0.15
 """Shortest contact and shortest swing that count, relative to a long contact."""
 TOE_OFF_PCT = 62
 """Phase of toe-off in mean curves [%]: stance and swing are stretched to the typical ones."""
+LOADED_STANCE_PCT = slice(4, 58)
+"""Phases of mean curves [%] in which the plate knows the centre of pressure well (assumed)."""
+MIN_KNOWN_PHASES = 20
+"""Fewest of these phases with values for a comparison of two mean curves (assumed)."""
 MAX_SWING_TO_STANCE = 2.2
 """Largest ratio of swing to stance; a longer swing is a step on no plate (sprinting has 2)."""
 TYPICAL_SWING_TO_STANCE = 0.6
