@@ -233,6 +233,8 @@ HEAD = "time [s],force [N]\n"
         ("1,5;2,5\n3,5;4,5\n", "has no heading"),
         ("time[s] force[N]\n0 1.5\n", "its columns are separated by spaces; separate them by commas, semicolons or"),
         ("time [s]   force [N]\n\n  0,0   1,5\n", "its columns are separated by spaces"),
+        ("Bench 3\nFilling, slow\n\ntime force\n 0.0 -1.5e-3\n", "its columns are separated by spaces"),
+        ("Bench 3, slow\ntime force\n 0.0 nan\n", "its columns are separated by spaces"),
         ('time [s],"force [N]\n1,2\n', "the heading line cannot be read"),
         ("time [s],force\n1,2\n", "column 'force' has no unit in square brackets; write for example 'force [N]'"),
         ("time (s),force [N]\n1,2\n", "column 'time (s)' has no unit in square brackets; write for example 'time [s]'"),

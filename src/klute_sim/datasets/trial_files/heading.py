@@ -17,6 +17,9 @@ MAX_PREAMBLE_LINES = 200
 NUMBER = re.compile(r"[+-]?(\d++(\.\d*+)?|\.\d++)(e[+-]?\d++)?|[+-]?nan", re.IGNORECASE)
 """A number with a decimal point, or a missing sample."""
 
+_DECIMAL = r"[+-]?(?:\d++(?:[.,]\d++)?\.?|[.,]\d++)(?:e[+-]?\d++)?|[+-]?nan"
+_SPACED_NUMBERS = re.compile(rf" *+(?:{_DECIMAL})(?P<others>(?: ++(?:{_DECIMAL}))*+) *+", re.IGNORECASE)
+"""One number or several with spaces between them, with decimal points or commas."""
 _ANY_DELIMITER = re.compile(r"[,;\s\"]")
 _LINE = re.compile(rb"([^\r\n]*)(\r\n|\n|\r|\Z)")
 _UNIT_CELL = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
@@ -71,8 +74,8 @@ def find_heading(content: bytes, source: str, heading_row: int | None, is_known:
             "stands elsewhere, give its line as heading_row"
         )
     following = next((other for other in _iterate_lines(content, line) if other.content.strip()), None)
-    if following and len(cells) == 1:
-        _check_no_spaces(_decode(following.content), source)
+    if len(cells) == 1 or not any(is_known(cell) for cell in cells):
+        _check_no_spaces(content, line, source)
     units = _read_units(following.content, delimiter, len(cells)) if following else None
     if following and units:
         cells = tuple(
@@ -83,13 +86,19 @@ def find_heading(content: bytes, source: str, heading_row: int | None, is_known:
     return Heading(cells, delimiter, line.number, last.end, last.number + 1, has_preamble)
 
 
-def _check_no_spaces(row: str, source: str) -> None:
-    """Raise InputError where the first ``row`` below a heading of one cell holds several numbers between spaces."""
-    numbers = row.split()
-    if len(numbers) > 1 and all(NUMBER.fullmatch(number.replace(",", ".")) for number in numbers):
-        raise InputError(
-            f"trial file {source}: its columns are separated by spaces; separate them by commas, semicolons or tabs"
-        )
+def _check_no_spaces(content: bytes, heading: _Line, source: str) -> None:
+    """Raise InputError where the first row of numbers below ``heading`` has only spaces between them.
+
+    Where no column is known, ``heading`` may be a line of the text above, so this row may stand further below.
+    """
+    for line in _iterate_lines(content, heading):
+        row = _SPACED_NUMBERS.fullmatch(_decode(line.content))
+        if row and row["others"]:
+            raise InputError(
+                f"trial file {source}: its columns are separated by spaces; separate them by commas, semicolons or tabs"
+            )
+        if row or line.number > MAX_PREAMBLE_LINES:
+            return
 
 
 def _iterate_lines(content: bytes, after: _Line = _BEGINNING) -> Iterator[_Line]:
