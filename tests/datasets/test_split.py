@@ -75,6 +75,19 @@ def test_split_draws_only_the_missing_uses() -> None:
     assert fitted[:3] == (("a", "b", "c"), (), ("d",))
 
 
+@given(count=st.integers(4, 20), moving=st.sets(st.integers(0, 19), min_size=1))
+def test_split_fits_a_trial_of_each_varied_channel(count: int, moving: set[int]) -> None:
+    varied = [frozenset({"length"} if g in moving else ()) for g in range(count)]
+    split = assign_uses([SplitEntry(f"t{g}", f"g{g}", None, each) for g, each in enumerate(varied)], "x")
+    assert not any(varied) or any(varied[int(name[1:])] for name in split.fit)
+    assert sizes(split, 1) == sizes(assign_uses(groups(count, 1), "x"), 1)
+
+
+def test_split_draws_groups_that_alone_vary_a_channel_if_there_are_no_others() -> None:
+    entries = [SplitEntry(f"t{g}", f"g{g}", None, frozenset({f"channel {g}"})) for g in range(5)]
+    assert sizes(assign_uses(entries, "x"), 1) == (3, 1, 1)
+
+
 def test_split_always_leaves_a_trial_to_fit() -> None:
     entries = [SplitEntry("a", "a", "validation"), SplitEntry("b", "b", "validation"), SplitEntry("c", "c", None)]
     assert assign_uses(entries, "x").fit == ("c",)

@@ -16,7 +16,7 @@ from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.initial_state import check_initial_state, parse_initial_state
 from klute_sim.datasets.mechanism import DatasetMechanism, check_model_numbers, load_dataset_mechanism
 from klute_sim.datasets.muscle_diameter import scale_muscle
-from klute_sim.datasets.split import Split, SplitEntry, assign_uses
+from klute_sim.datasets.split import Split, SplitEntry, assign_uses, split_trials
 from klute_sim.datasets.trial import InitialState, SensorLimits, TimeSeries, Trial, TrialChannels, read_trial
 from klute_sim.device import device as device_files
 from klute_sim.device.device import Device
@@ -124,7 +124,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     uncertainties = file_format.compute_standard_deviations(file.uncertain, known_values, source)
     channel_source = _get_channel_source(file, mechanism)
     plans = _plan_trials(file, device, mechanism, channel_source, source)
-    split = assign_uses([plan.split_entry for plan in plans], source)  # rejects an impossible split before large files
+    assign_uses([plan.split_entry for plan in plans], source)  # rejects an impossible split before large files
 
     digest = hashlib.sha256(hashlib.sha256(content).digest() + bytes.fromhex(device.digest))
     if mechanism is not None:
@@ -152,7 +152,8 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     checks.check_accepted(accept, findings, channel_source, device)
     accepted = require_accepted(findings, {*file.accept, *accept})
     entries = [*zip(trials, file.trial, strict=True)]
-    fit_entries = [(trial, entry) for trial, entry in entries if trial.name in split.fit]
+    fitted = split_trials(trials, source).fit
+    fit_entries = [(trial, entry) for trial, entry in entries if trial.name in fitted]
     declarations.check_input_noise([(t, {**file.noise, **entry.noise}) for t, entry in entries], source)
     declarations.check_limits([(t, {**file.limits, **entry.limits}) for t, entry in fit_entries], source)
     tolerance = declarations.compute_tolerances(
@@ -293,9 +294,7 @@ def _check_unmapped(contents: Sequence[TrialChannels], source: ChannelSource) ->
 
 def split_dataset(dataset: Dataset) -> Split:
     """Return the split of ``dataset`` into trials for fit, validation and test; it is always the same."""
-    return assign_uses(
-        (SplitEntry(t.name, t.group, t.use) for t in dataset.trials), str(dataset.folder / DATASET_FILE_NAME)
-    )
+    return split_trials(dataset.trials, str(dataset.folder / DATASET_FILE_NAME))
 
 
 def _validate_trusted(names: Sequence[str], measured: Mapping[str, TimeSeries], source: str) -> frozenset[str]:

@@ -5,16 +5,21 @@ tested on a repeat of its own data.
 """
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from klute_sim.datasets.trial import Use
+import numpy as np
+
+from klute_sim.datasets.trial import Trial, Use
 from klute_sim.errors import InputError
 
 MIN_GROUPS_FOR_TEST, MIN_GROUPS_FOR_VALIDATION = 3, 4
 """Smallest numbers of groups with which groups are held out for the test and for validation."""
 GROUPS_PER_HELD_OUT = 5
 """One of this many groups is held out for the test, and one for validation."""
+MIN_RANGE_FRACTION = 0.1
+"""Range with which a prescribed channel counts as varied in a trial, as a fraction of its largest range in any trial
+(assumed)."""
 
 
 class SplitEntry(NamedTuple):
@@ -26,6 +31,8 @@ class SplitEntry(NamedTuple):
     """Group of repeats."""
     use: Use | None
     """Use that the dataset specifies; None if the split decides."""
+    varied: frozenset[str] = frozenset()
+    """Prescribed channels that the trial varies."""
 
 
 class Split(NamedTuple):
@@ -41,14 +48,36 @@ class Split(NamedTuple):
     """Explanation of the split in one sentence."""
 
 
+def split_trials(trials: Sequence[Trial], source: str) -> Split:
+    """Return the split of ``trials`` into those for fit, validation and test (:func:`assign_uses`)."""
+    ranges = [{channel: float(np.ptp(s.value)) for channel, s in trial.prescribed.items()} for trial in trials]
+    largest = {channel: max(r.get(channel, 0.0) for r in ranges) for each in ranges for channel in each}
+    return assign_uses(
+        (
+            SplitEntry(
+                trial.name,
+                trial.group,
+                trial.use,
+                frozenset(c for c, value in each.items() if 0.0 < value >= MIN_RANGE_FRACTION * largest[c]),
+            )
+            for trial, each in zip(trials, ranges, strict=True)
+        ),
+        source,
+    )
+
+
 def assign_uses(trials: Iterable[SplitEntry], source: str) -> Split:
     """Split ``trials`` as they specify; groups without a use are drawn in an order that depends on their names only.
 
-    Raises InputError where trials of one group have different uses, or none is left to fit; ``source`` names the
-    dataset in errors.
+    A group that alone varies a channel is drawn last: without it, nothing about that channel could be fitted. Raises
+    InputError where trials of one group have different uses, or none is left to fit; ``source`` names the dataset in
+    errors.
     """
     trials = tuple(trials)
     group_uses = _collect_group_uses(trials, source)
+    varied: dict[str, frozenset[str]] = {}
+    for trial in trials:
+        varied[trial.group] = varied.get(trial.group, frozenset()) | trial.varied
     unassigned = sorted((group for group, use in group_uses.items() if use is None), key=_hash_group)
     assigned: dict[str, Use] = {group: use for group, use in group_uses.items() if use is not None}
     draws: list[str] = []
@@ -61,10 +90,12 @@ def assign_uses(trials: Iterable[SplitEntry], source: str) -> Split:
         n_reserved = 0 if "fit" in assigned.values() else 1
         if use in assigned.values() or len(group_uses) < min_groups:
             continue
-        for group in unassigned[: min(n_held_out, len(unassigned) - n_reserved)]:
+        for _ in range(min(n_held_out, len(unassigned) - n_reserved)):
+            fitted = [group for group, other in assigned.items() if other == "fit"]
+            group = next(_iterate_dispensable(unassigned, fitted, varied), unassigned[0])
+            unassigned.remove(group)
             assigned[group] = use
             draws.append(f"'{group}' for {use}")
-        unassigned = [group for group in unassigned if group not in assigned]
     assigned.update(dict.fromkeys(unassigned, "fit"))
     if "fit" not in assigned.values():
         raise InputError(f"{source}: no trial is left to fit; set use = 'fit' for at least one group")
@@ -72,6 +103,16 @@ def assign_uses(trials: Iterable[SplitEntry], source: str) -> Split:
         tuple(trial.name for trial in trials if assigned[trial.group] == use) for use in ("fit", "validation", "test")
     )
     return Split(fit, validation, test, _describe_split(group_uses, draws))
+
+
+def _iterate_dispensable(
+    unassigned: Sequence[str], fitted: Sequence[str], varied: dict[str, frozenset[str]]
+) -> Iterator[str]:
+    """Yield the groups of ``unassigned`` whose ``varied`` channels other groups vary that are or may be ``fitted``."""
+    for group in unassigned:
+        others = (varied[other] for other in (*unassigned, *fitted) if other != group)
+        if varied[group] <= frozenset().union(*others):
+            yield group
 
 
 def _collect_group_uses(trials: tuple[SplitEntry, ...], source: str) -> dict[str, Use | None]:
