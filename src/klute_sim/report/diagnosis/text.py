@@ -41,7 +41,7 @@ DEVICE_PARTS = {
 """Kind of an equation residual -> parts that a device may have."""
 QUANTITY_BY_UNIT = {"N": "force", "bar": "pressure", "N·m": "moment"}
 """Unit of an equation residual -> its quantity."""
-PROPER_NAMES = {name.lower(): name for name in ("Bouc", "Coulomb", "Maxwell", "Stribeck", "Wen")}
+PROPER_NAMES = {name.lower(): name for name in ("Bouc", "Coulomb", "Dahl", "Maxwell", "Stribeck", "Wen")}
 """Parts of identifiers that are names of people."""
 
 
