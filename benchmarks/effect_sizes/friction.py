@@ -82,13 +82,15 @@ def measure_tendon_step(effect: str, form: str, parameters: Mapping[str, float])
     return (with_effect - without) / 5.0
 
 
-def measure_tendon_damping(effect: str, form: str, parameters: Mapping[str, float], frequency: float) -> float:
-    """Return the work [J] that a sine of ``frequency`` [Hz] between 2 and 10 mm of stretch loses in a cycle."""
+def measure_tendon_cycle(
+    effect: str, form: str, parameters: Mapping[str, float], amplitude: float = 4e-3, frequency: float = 1.0
+) -> float:
+    """Return the work [J] that a sine of ``amplitude`` [m] about 6 mm of stretch loses in its third cycle."""
     n = 20_000
-    phase = np.arange(2 * n + 1) / n
-    stretch = 6e-3 - 4e-3 * np.cos(2.0 * np.pi * phase)
+    phase = np.arange(3 * n + 1) / n
+    stretch = 6e-3 - amplitude * np.cos(2.0 * np.pi * phase)
     tension = simulate_stretched_tendon(make_device(effect, form, parameters), stretch, 1.0 / (n * frequency))
-    return compute_work(stretch[n:], tension[n:])
+    return compute_work(stretch[2 * n :], tension[2 * n :])
 
 
 def state_braid_loop(slope_n_per_bar: float, corner: float = 0.0) -> float:
@@ -167,7 +169,22 @@ def make_tendon_rows() -> list[EffectSize]:
                 parameters=viscous,
                 quantity=f"loop area, sine of 2 to 10 mm, {frequency:g} Hz [J]",
                 stated=np.pi * 1e3 * damping * (2.0 * np.pi * frequency) * 4e-3**2,
-                measure=partial(measure_tendon_damping, "tendon_hysteresis", "viscous", viscous, frequency=frequency),
+                measure=partial(measure_tendon_cycle, "tendon_hysteresis", "viscous", viscous, frequency=frequency),
+            )
+        )
+    for friction, presliding, amplitude in ((10.0, 1.0, 4.0), (20.0, 1.0, 4.0), (10.0, 4.0, 4.0), (10.0, 2.0, 2.0)):
+        slip = {"friction_n": friction, "presliding_mm": presliding}
+        path = sum(i / 6.0 * max(0.0, amplitude - presliding * i / 3.0) for i in (1, 2, 3))
+        rows.append(
+            EffectSize(
+                effect="tendon_hysteresis",
+                form="maxwell_slip",
+                parameters=slip,
+                quantity=f"loop area, amplitude {amplitude:g} mm [J]",
+                stated=4e-3 * friction * path,
+                measure=partial(
+                    measure_tendon_cycle, "tendon_hysteresis", "maxwell_slip", slip, amplitude=1e-3 * amplitude
+                ),
             )
         )
     return rows

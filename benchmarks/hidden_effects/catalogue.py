@@ -251,6 +251,10 @@ LATER_FORMS: Forms = {
         "resistance_s_bar_per_dm3": HiddenParameter(MIN_VALVE_RESISTANCE, 50, 4),
         "critical_ratio": HiddenParameter(0.1, 0.6, 0.5, None),
     },
+    ("tendon_hysteresis", "maxwell_slip"): {
+        "friction_n": HiddenParameter(0, 1000, 20),
+        "presliding_mm": HiddenParameter(0.02, 50, 1, None),
+    },
 }
 """Forms that the public catalogue got after the splits were drawn. No block hides them, so no dataset changes."""
 

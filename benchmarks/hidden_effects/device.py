@@ -64,7 +64,7 @@ def build_neutral_law(device: Mapping[str, float]) -> tuple[Law, AirSupply]:
         **dict.fromkeys(Law._fields[Law._fields.index("coulomb_slope") :], 0.0),
     )
     divisors = ("slip_stiffness", "hysteretic_stiffness", "softening_energy", "relax_time", "stribeck_speed")
-    divisors += ("tendon_time", "contact_reach", "play_reach", "lugre_speed", "lugre_reach")
+    divisors += ("tendon_time", "tendon_presliding", "contact_reach", "play_reach", "lugre_speed", "lugre_reach")
     law = law._replace(middle_contraction=1.0, **dict.fromkeys(divisors, 1.0))
     air = AirSupply(
         supply_pressure=get_si("supply.pressure_bar", BAR),
@@ -182,6 +182,10 @@ def _apply_effect(
             )
         case ("tendon_hysteresis", "viscous"):
             law = law._replace(tendon_damping=parameters["damping_n_s_per_mm"] * 1e3)
+        case ("tendon_hysteresis", "maxwell_slip"):
+            law = law._replace(
+                tendon_friction=parameters["friction_n"], tendon_presliding=parameters["presliding_mm"] * 1e-3
+            )
         case ("tendon_slack", "dead_length"):
             law = law._replace(tendon_slack=parameters["slack_mm"] * 1e-3)
         case ("tendon_slack", "toe"):

@@ -44,7 +44,10 @@ DISTURBANCE_INDEX = PRESSURE_INDEX + 1  # [Pa]
 DRAWN_MASS_INDEX = PRESSURE_INDEX + 2  # [kg]
 CHAMBER_FORCE_INDEX = PRESSURE_INDEX + 3  # tension of the damper's chambers [N]
 SEAL_INDEX = PRESSURE_INDEX + 4  # shear of the pressed seal
-N_INTERNAL_STATES = PRESSURE_INDEX + 5
+TENDON_LAYER_INDEX = PRESSURE_INDEX + 5  # elastic elongation of the tendon's layers, which slide beyond their limit
+N_TENDON_LAYERS = 3
+TENDON_TAUT_INDEX = TENDON_LAYER_INDEX + N_TENDON_LAYERS  # stretch beyond slack
+N_INTERNAL_STATES = TENDON_TAUT_INDEX + 1
 
 
 class Law(NamedTuple):
@@ -110,6 +113,8 @@ class Law(NamedTuple):
     tendon_stiffness: float
     tendon_time: float
     tendon_damping: float
+    tendon_friction: float
+    tendon_presliding: float
     tendon_slack: float
     # Other functional forms, which are in nobody's catalogue.
     contact_slope: float
@@ -313,7 +318,19 @@ def tendon_tension(stretch: float, rate: float, state: np.ndarray, law: Law) -> 
         )
     if law.tendon_damping != 0.0:
         force += law.tendon_damping * rate * min(1.0, stretch / TENDON_CLOSING_STRETCH)
+    if law.tendon_friction != 0.0:
+        elongation = 0.0
+        for i in range(N_TENDON_LAYERS):
+            elongation += state[TENDON_LAYER_INDEX + i] / tendon_layer_limit(N_TENDON_LAYERS - 1, law)
+        # All slide when their elongations have the mean limit, (n + 1) / 2n of the largest one.
+        force += law.tendon_friction * 2.0 / (N_TENDON_LAYERS + 1.0) * elongation
     return max(0.0, force)
+
+
+@cached_njit
+def tendon_layer_limit(i: int, law: Law) -> float:
+    """Return the elongation at which the ``i``-th layer of the tendon slides; the last one slides after the others."""
+    return law.tendon_presliding * (i + 1.0) / N_TENDON_LAYERS
 
 
 @cached_njit
@@ -358,6 +375,13 @@ def update_internal_state(
     share = gh / law.tendon_time
     # A slack tendon relaxes to slack.
     new[TENDON_RELAXED_INDEX] = (base[TENDON_RELAXED_INDEX] + share * max(0.0, stretch)) / (1.0 + share)
+    if law.tendon_friction != 0.0:
+        # In a slack tendon nothing slides.
+        new[TENDON_TAUT_INDEX] = max(0.0, stretch)
+        for i in range(N_TENDON_LAYERS):
+            limit = tendon_layer_limit(i, law)
+            elongation = old[TENDON_LAYER_INDEX + i] + new[TENDON_TAUT_INDEX] - old[TENDON_TAUT_INDEX]
+            new[TENDON_LAYER_INDEX + i] = min(max(elongation, -limit), limit)
     if law.contact_slope != 0.0:
         share = gh / law.contact_reach
         new[CONTACT_INDEX] = (base[CONTACT_INDEX] + share * v) / (1.0 + share * abs(v))
@@ -428,13 +452,16 @@ def internal_state_tension(state: np.ndarray, x: float, pressure: float, law: La
 
 @cached_njit
 def set_rest_state(state: np.ndarray, x: float, stretch: float, law: Law) -> None:
-    """Set the state of a device at rest: relaxed branches, no lubricating film, cold oil."""
+    """Set the state of a device at rest: relaxed branches, a tendon pulled from slack, no film, cold oil."""
     for i in range(N_INTERNAL_STATES):
         state[i] = 0.0
     state[SLIP_INDEX] = state[SLIP_INDEX + 1] = state[SLIP_INDEX + 2] = state[RELAXED_INDEX] = x
     for i in range(PLAY_INDEX, CREEP_INDEX + N_CREEP_BRANCHES):
         state[i] = x
-    state[TENDON_SLIDER_INDEX], state[TENDON_RELAXED_INDEX] = stretch, max(0.0, stretch)
+    state[TENDON_SLIDER_INDEX] = stretch
+    state[TENDON_RELAXED_INDEX] = state[TENDON_TAUT_INDEX] = max(0.0, stretch)
+    for i in range(N_TENDON_LAYERS):
+        state[TENDON_LAYER_INDEX + i] = min(max(0.0, stretch), tendon_layer_limit(i, law))
     state[MAX_ENERGY_INDEX], state[FILM_INDEX] = bladder_energy_density(x + law.resting_length, law), 1.0
 
 
@@ -454,6 +481,8 @@ def state_distance(a: np.ndarray, b: np.ndarray) -> float:
     worst = max(worst, 0.1 * abs(a[HYSTERETIC_INDEX] - b[HYSTERETIC_INDEX]))
     worst = max(worst, 0.1 * abs(a[BRISTLE_INDEX] - b[BRISTLE_INDEX]), 0.1 * abs(a[SEAL_INDEX] - b[SEAL_INDEX]))
     worst = max(worst, abs(a[CHAMBER_INDEX] - b[CHAMBER_INDEX]))
+    for i in range(N_TENDON_LAYERS):
+        worst = max(worst, 0.1 * abs(a[TENDON_LAYER_INDEX + i] - b[TENDON_LAYER_INDEX + i]))
     worst = max(worst, 1e-5 * abs(a[FILM_INDEX] - b[FILM_INDEX]), 1e-4 * abs(a[WARMTH_INDEX] - b[WARMTH_INDEX]))
     worst = max(
         worst,

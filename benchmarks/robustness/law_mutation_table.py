@@ -112,6 +112,10 @@ WRONG_SIZES = {
         ("p.slack", 2.0),
         ("p.stiffness * (stretch - state.relaxed_stretch)", 2.0),
         ("p.damping * state.stretch_rate", 2.0),
+        ("p.friction / p.presliding", 2.0),
+        ("p.friction / p.presliding", -1.0),
+        ("FRICTION_FRACTIONS[0] * p.presliding", 2.0),
+        ("FRICTION_FRACTIONS[2] * p.presliding", 0.5),
     ),
     "effects/families/air.py": (
         ("p.conductance,\n", 2.0),
@@ -243,6 +247,7 @@ WRONG_LAWS = (
         "taut_stretch = max(0.0, stretch)",
         "taut_stretch = stretch",
     ),
+    ("friction of a slack tendon", "effects/families/tendon.py", "x = max(0.0, stretch)", "x = stretch"),
     (
         "Cd for Cd^2",
         "effects/families/damper.py",

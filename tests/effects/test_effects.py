@@ -52,7 +52,8 @@ def test_equilibrium_state_is_stationary(slot: EffectSlot) -> None:
     assert state.length == pytest.approx(initial.length, abs=2e-6)
     initial_tension, tension = (unit.compute_tension(device, s, 0.34, 0.0) for s in (initial, state))
     assert tension == pytest.approx(initial_tension, abs=0.3)
-    if slot.effect in ("braid_hysteresis", "tendon_hysteresis"):  # relaxed sliders give no force
+    is_virgin = slot.effect == "tendon_hysteresis" and slot.form.name == "maxwell_slip"
+    if slot.effect in ("braid_hysteresis", "tendon_hysteresis") and not is_virgin:  # relaxed sliders give no force
         plain = unit.compute_tension(PAIR.parameters, compute_equilibrium_state(PAIR.parameters, 0.34, 3e5), 0.34, 0.0)
         # In its last step of 1e9 s a muscle with smooth Coulomb friction still moves at 1e-11 m/s.
         assert initial_tension == pytest.approx(plain, abs=1e-4)

@@ -9,7 +9,9 @@ Assumed: a twentieth of the dissertation's slowest test (1 mm/s), at which the s
 friction creeps at about this speed; the forms with an internal state hold it.
 """
 EQUILIBRIUM_TIME_STEP = 1e9
-"""Time step after which every follower has reached its target and every slider has relaxed [s] (assumed)."""
+"""Time step after which followers have reached their targets and relaxing sliders have relaxed [s] (assumed)."""
+FRICTION_FRACTIONS = (1.0 / 6.0, 2.0 / 6.0, 3.0 / 6.0)
+"""Fractions of the friction carried by three Maxwell-slip elements (assumed); their stiffnesses are equal."""
 
 
 def smooth_sign(velocity: float) -> float:
@@ -23,11 +25,12 @@ def step_slider(slider_position: float, position: float, max_distance: float, dt
     The slider stays within ``max_distance`` >= 0 of ``position`` and moves only when pulled. After
     :data:`EQUILIBRIUM_TIME_STEP` it has relaxed to ``position``.
     """
-    return (
-        position
-        if dt >= EQUILIBRIUM_TIME_STEP
-        else min(max(slider_position, position - max_distance), position + max_distance)
-    )
+    return position if dt >= EQUILIBRIUM_TIME_STEP else pull_slider(slider_position, position, max_distance)
+
+
+def pull_slider(slider_position: float, position: float, max_distance: float) -> float:
+    """Return the position of a slider that never relaxes and stays within ``max_distance`` >= 0 of ``position``."""
+    return min(max(slider_position, position - max_distance), position + max_distance)
 
 
 def step_bouc_wen(stretch: float, displacement: float, max_stretch: float, gamma_ratio: float, dt: float) -> float:

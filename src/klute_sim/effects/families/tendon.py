@@ -3,7 +3,7 @@
 from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
-from klute_sim.effects.smoothing import step_follower, step_slider
+from klute_sim.effects.smoothing import FRICTION_FRACTIONS, pull_slider, step_follower, step_slider
 from klute_sim.laws.mckibben import MuscleParameters
 
 SLIDER_REACH = 5e-5
@@ -102,6 +102,51 @@ def step_stretch_rate(
     return (taut_stretch - state.taut_stretch) / dt, taut_stretch
 
 
+def maxwell_slip_force(p: Any, state: Any, force: float, stretch: float) -> float:
+    """Return the tension [N] plus ``k sum (x - a_i)`` while taut, ``k = F_f/(2d)``: three equal springs on sliders.
+
+    The springs pull their sliders at stretches of d/3, 2d/3 and d, so beyond a stretch of d they carry the dry
+    friction F_f. Many layers of rubber or composite, or the strands of a cable, slide one after the other in this way
+    (Iwan, J. Applied Mechanics 33:893, 1966). A short d is Coulomb friction; a long one yields gradually.
+
+    The loss does not depend on the speed: a settled cycle of amplitude A loses ``4 sum k y_i max(0, A - y_i)`` with
+    ``y_i = d i/3``, so nothing below d/3 and ``4 F_f (A - 7d/9)`` above d. A reversal begins a branch that is the
+    virgin curve at twice its size (Masing), and a minor loop returns to the branch that it left.
+
+    Passive: of the work on an element, ``d(k (x - a_i)^2 / 2)`` is stored and ``k y_i |da_i|`` is lost. Where the
+    friction holds the springs back, the device clips the tension at 0. This does not change the order of the branches,
+    so every closed loop still loses. No slider is below 0, so the tension is continuous where the tendon becomes slack.
+    """
+    if stretch <= 0.0:
+        return force
+    stiffness = 0.5 * p.friction / p.presliding
+    return force + stiffness * (3.0 * stretch - state.slider_1 - state.slider_2 - state.slider_3)
+
+
+def step_tendon_sliders(
+    p: Any,
+    state: Any,
+    muscle: MuscleParameters,
+    pressure: float,
+    pressure_change: float,
+    length: float,
+    stretch: float,
+    dt: float,
+) -> tuple[float, float, float]:
+    """Return the slider positions [m] after the step: within d/3, 2d/3 and d of the stretch, at rest while slack.
+
+    The sliders of a tendon at rest have not relaxed, unlike those of other effects: it was pulled from slack to its
+    stretch x, so they are at ``max(0, x - y_i)``, and it begins on its virgin curve. That is how a record of a foot or
+    a cable begins that is under a preload.
+    """
+    x = max(0.0, stretch)
+    return (
+        pull_slider(state.slider_1, x, 2.0 * FRICTION_FRACTIONS[0] * p.presliding),
+        pull_slider(state.slider_2, x, 2.0 * FRICTION_FRACTIONS[1] * p.presliding),
+        pull_slider(state.slider_3, x, 2.0 * FRICTION_FRACTIONS[2] * p.presliding),
+    )
+
+
 TENDON_HYSTERESIS = Effect(
     name="tendon_hysteresis",
     description="The tendon dissipates energy: more tension while stretching, less while shortening.",
@@ -163,6 +208,31 @@ TENDON_HYSTERESIS = Effect(
             ),
             laws={"tendon_force": viscous_force, "next_state": step_stretch_rate},
             states=("stretch_rate", "taut_stretch"),
+        ),
+        EffectForm(
+            name="maxwell_slip",
+            equation="F += F_f/(2d) sum_i (x - a_i) while taut, slider a_i within d/3 or 2d/3 or d of the stretch x, "
+            "at rest as if pulled from slack",
+            parameters=(
+                EffectParameter(
+                    key="friction_n",
+                    neutral=0.0,
+                    lower=0.0,
+                    upper=1000.0,
+                    typical=20.0,
+                    source="assumed: from slack to 12 mm, springs of 100 N/mm lose 5 % of the loading work",
+                ),
+                EffectParameter(
+                    key="presliding_mm",
+                    neutral=None,
+                    lower=0.02,
+                    upper=50.0,
+                    typical=1.0,
+                    source="assumed: the layers of a foot or tendon slide one after the other over a millimetre",
+                ),
+            ),
+            laws={"tendon_force": maxwell_slip_force, "next_state": step_tendon_sliders},
+            states=("slider_1", "slider_2", "slider_3"),
         ),
     ),
 )

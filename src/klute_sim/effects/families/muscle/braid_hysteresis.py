@@ -8,11 +8,8 @@ so both parameters in newtons grow with the square of the diameter.
 from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
-from klute_sim.effects.smoothing import smooth_sign, step_bouc_wen, step_slider
+from klute_sim.effects.smoothing import FRICTION_FRACTIONS, smooth_sign, step_bouc_wen, step_slider
 from klute_sim.laws.mckibben import MuscleParameters
-
-FRICTION_FRACTIONS = (1.0 / 6.0, 2.0 / 6.0, 3.0 / 6.0)
-"""Fractions of the friction carried by the three Maxwell-slip elements (assumed); their stiffnesses are equal."""
 
 
 def coulomb_friction(
