@@ -9,11 +9,15 @@ import pytest
 from klute_sim.api.rendering import render_text
 from klute_sim.datasets import dataset as datasets
 from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
 from klute_sim.diagnosis.held_out import (
     BASE_MODEL,
     FINAL_MODEL,
     NOMINAL_MODEL,
+    denies_misfit,
     record_confirmation,
     record_declared_advantage,
     record_divergence,
@@ -21,8 +25,9 @@ from klute_sim.diagnosis.held_out import (
 )
 from klute_sim.diagnosis.noise.misfit import Misfit
 from klute_sim.diagnosis.result import ChannelRms, Diagnosis, DiagnosisOptions, Verdict
+from klute_sim.diagnosis.selection.robustness import EquivalentModel
 from klute_sim.diagnosis.transfer import ChannelPrediction, TransferPrediction
-from klute_sim.diagnosis.workflow import diagnose
+from klute_sim.diagnosis.workflow import diagnose, fit_base_device
 from klute_sim.report.diagnosis.prediction import build_prediction_table
 from tests.diagnosis import synthetic_dataset
 from tests.diagnosis.synthetic_dataset import write_dataset
@@ -45,7 +50,12 @@ def make_diagnosis(dataset: datasets.Dataset, verdict: Verdict, **rms: Any) -> D
 
 
 @pytest.mark.parametrize(
-    ("verdict", "expected"), [("nothing-missing", "unexplained"), ("identified", "identified-in-part")]
+    ("verdict", "expected"),
+    [
+        ("nothing-missing", "unexplained"),
+        ("identified", "identified-in-part"),
+        ("indistinguishable", "unexplained"),
+    ],
 )
 def test_misfit_of_test_trials_demotes_a_verdict_that_denies_it(
     verdict: Verdict, expected: str, dataset: datasets.Dataset
@@ -65,7 +75,23 @@ def test_misfit_that_validation_trials_show_too_is_not_that_of_the_test_alone(da
     assert "other trials" not in diagnosis.reasons[0]
 
 
-@pytest.mark.parametrize("verdict", ["nothing-missing", "identified"])
+def test_equivalent_models_deny_a_misfit_of_the_test_trials_unless_one_explains_it(tmp_path: Path) -> None:
+    folder = write_dataset(
+        tmp_path / "d", groups=("fit_1", "test_1"), seconds=1.0, distort={"pressure": lambda time, value: 1.05 * value}
+    )
+    distorted = datasets.load_dataset(folder)
+    experiments = prepare_experiments(distorted, datasets.split_dataset(distorted))
+    base, data = fit_base_device(distorted, [e for e in experiments if e.use == "fit"], Simulator(1))
+    gain = fit_hypothesis(data, base.hypothesis.with_term(EffectTerm("sensor_gain", "linear", "pressure")))
+    evaluated = data.with_experiments([e for e in experiments if e.use == "test"])
+    diagnosis = make_diagnosis(distorted, "indistinguishable")
+    diagnosis.equivalent_models = [EquivalentModel(base, 1.0)]
+    assert denies_misfit(diagnosis, evaluated)
+    diagnosis.equivalent_models.append(EquivalentModel(gain, 2.0))
+    assert not denies_misfit(diagnosis, evaluated)
+
+
+@pytest.mark.parametrize("verdict", ["nothing-missing", "identified", "indistinguishable"])
 def test_misfit_that_the_numbers_absorb_demotes_no_verdict(verdict: Verdict, dataset: datasets.Dataset) -> None:
     diagnosis = make_diagnosis(dataset, verdict)
     record_test_misfit(diagnosis, {"force": Misfit(6.0, 20.0, 3.0)}, is_absorbed=True)

@@ -25,7 +25,11 @@ MIN_SHARE_FRACTION = 0.5
 MAX_UNSEEN_MISFIT = 1.0
 """Largest misfit of the test trials, over the noise, with which nothing is missing (assumed: other trials may show a
 quarter of the noise, and test trials may cover conditions that no other trial covers)."""
-DEMOTED_VERDICTS: Mapping[Verdict, Verdict] = {"nothing-missing": "unexplained", "identified": "identified-in-part"}
+DEMOTED_VERDICTS: Mapping[Verdict, Verdict] = {
+    "nothing-missing": "unexplained",
+    "identified": "identified-in-part",
+    "indistinguishable": "unexplained",
+}
 """Verdict that denies a misfit of the test trials -> verdict that does not."""
 NOMINAL_MODEL, BASE_MODEL, FINAL_MODEL = "the declared numbers", "the refitted numbers", "the added effects"
 """Models that are evaluated."""
@@ -47,7 +51,7 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
     evaluated, residuals = _compute_residuals(diagnosis, data)
     if diagnosis.evaluated_on == "test":
         misfits = _select_unseen(diagnosis, estimate_misfit(evaluated.experiments, residuals, data.noise))
-        if misfits and diagnosis.verdict in DEMOTED_VERDICTS:
+        if misfits and denies_misfit(diagnosis, evaluated):
             record_test_misfit(
                 diagnosis,
                 misfits,
@@ -96,6 +100,26 @@ def _select_unseen(diagnosis: Diagnosis, misfits: Mapping[str, Misfit]) -> dict[
         and misfit.rms > MAX_UNSEEN_MISFIT * misfit.noise_rms
         and misfit.rms > diagnosis.dataset.tolerance.get(channel, 0.0)
     }
+
+
+def denies_misfit(diagnosis: Diagnosis, evaluated: WeightedData) -> bool:
+    """Return whether the verdict of ``diagnosis`` says that the model reaches the noise.
+
+    That several models do is denied only if each of them leaves a large misfit in the ``evaluated`` trials.
+    """
+    if diagnosis.verdict == "indistinguishable":
+        return diagnosis.prediction is None and all(
+            _select_unseen(
+                diagnosis,
+                estimate_misfit(
+                    evaluated.experiments,
+                    evaluated.compute_residuals(model.fit.hypothesis, [model.fit.x], may_diverge=True)[0],
+                    evaluated.noise,
+                ),
+            )
+            for model in diagnosis.equivalent_models
+        )
+    return diagnosis.verdict in DEMOTED_VERDICTS
 
 
 def can_numbers_absorb(diagnosis: Diagnosis, data: WeightedData, test_experiments: Sequence[Experiment]) -> bool:
