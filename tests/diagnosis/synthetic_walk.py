@@ -9,6 +9,7 @@ from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device, parse_device
 from klute_sim.diagnosis.experiments.base import BodyEdit
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
+from klute_sim.diagnosis.experiments.registration import PlateLoad
 from klute_sim.diagnosis.experiments.simulator import Simulator, simulate_extrapolated
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import WeightedData
@@ -76,7 +77,9 @@ def make_walks(
                 foot=FOOT,
                 inputs=inputs._replace(ground_moment=inputs.ground_moment + moment),
                 smoothed_inputs=inputs,
-                vertical_load=inputs.axial_force,
+                load=PlateLoad(
+                    inputs.axial_force, np.zeros_like(inputs.axial_force), np.zeros_like(inputs.axial_force)
+                ),
                 foot_strikes=STRIDE_TIME * np.arange(N_STRIDES, dtype=np.float64),
                 alignment=0.0,
                 mean_stride_time=STRIDE_TIME,

@@ -97,7 +97,7 @@ def _refine_inputs(trial_experiment: GaitExperiment, factor: int) -> dict:
 
 def test_samples_near_contact_changes_are_not_compared(clean_dataset: datasets.Dataset) -> None:
     trial_experiment = prepare_trials(clean_dataset)[0]
-    loaded = trial_experiment.vertical_load > 20.0
+    loaded = trial_experiment.load.vertical > 20.0
     changes = trial_experiment.start_time + trial_experiment.dt * np.flatnonzero(np.diff(loaded.astype(int)))
     for series in trial_experiment.measured.values():
         for event in changes:
@@ -228,8 +228,8 @@ def test_sensitivity_is_largest_where_the_load_is_far_from_the_ankle(clean_datas
     change, time = np.abs(result[0] - result[1]), trial_experiment.measured["ankle_angle"].time
     loaded = np.interp(
         time,
-        trial_experiment.start_time + trial_experiment.dt * np.arange(len(trial_experiment.vertical_load)),
-        trial_experiment.vertical_load,
+        trial_experiment.start_time + trial_experiment.dt * np.arange(len(trial_experiment.load.vertical)),
+        trial_experiment.load.vertical,
     )
     assert change[loaded > 600.0].mean() > np.radians(0.05)
     assert change[loaded < 1.0].mean() < 0.1 * change[loaded > 600.0].mean()

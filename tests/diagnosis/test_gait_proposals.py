@@ -159,5 +159,5 @@ def test_recordings_change_what_they_say(weighted: tuple[WeightedData, Hypothesi
             assert bent == pytest.approx(0.05 * np.abs(before.inputs.ground_moment).max(), rel=0.1)
         case _:
             assert after.duration == pytest.approx(10.0)
-            assert (after.vertical_load.max() > 0.0) == ("hanging" not in protocol.name)
+            assert (after.load.vertical.max() > 0.0) == ("hanging" not in protocol.name)
             assert (np.ptp(new.pressure) > 1e5) == ("steps" in protocol.name)

@@ -1,4 +1,4 @@
-"""Registration of walks: signs, and no change without an error."""
+"""Registration of walks: signs, a late plate, and no change without an error."""
 
 import numpy as np
 import pytest
@@ -6,13 +6,15 @@ import pytest
 from klute_sim.diagnosis.experiments.registration import (
     REGISTRATION_DEVIATIONS,
     SI_FACTORS,
+    PlateLoad,
     Registration,
     correct_inputs,
     describe_registration,
 )
 from klute_sim.gait.replay.rollout import ReplayInputs
 
-LOAD = np.array([0.0, 800.0])
+STEP = 1e-3
+LOAD = PlateLoad(np.array([0.0, 800.0]), np.array([0.5, 0.51]), np.array([0.1, 0.1]))
 ANGLE = np.radians([0.0, 20.0])
 FORWARD = np.array([0.0, 60.0])
 INPUTS = ReplayInputs(
@@ -21,8 +23,8 @@ INPUTS = ReplayInputs(
     ankle_acceleration_x=np.zeros(2),
     ankle_acceleration_z=np.zeros(2),
     ground_moment=np.array([0.0, -50.0]),
-    axial_force=np.cos(ANGLE) * LOAD + np.sin(ANGLE) * FORWARD,
-    shear_force=np.sin(ANGLE) * LOAD - np.cos(ANGLE) * FORWARD,
+    axial_force=np.cos(ANGLE) * LOAD.vertical + np.sin(ANGLE) * FORWARD,
+    shear_force=np.sin(ANGLE) * LOAD.vertical - np.cos(ANGLE) * FORWARD,
     pressure_command=np.zeros(2),
 )
 
@@ -35,12 +37,12 @@ def test_names_units_and_fields_agree() -> None:
 
 def test_moment_follows_the_lever_and_the_height() -> None:
     # A load 10 mm further in front of the ankle dorsiflexes: the moment falls by 8 N.m.
-    shifted = correct_inputs(INPUTS, LOAD, Registration(cop_to_ankle=0.01))
+    shifted = correct_inputs(INPUTS, LOAD, Registration(cop_to_ankle=0.01), STEP)
     assert shifted.ground_moment - INPUTS.ground_moment == pytest.approx([0.0, -8.0])
     # A forward force at a height of another 10 mm: -0.6 N.m.
-    raised = correct_inputs(INPUTS, LOAD, Registration(ankle_height=0.01))
+    raised = correct_inputs(INPUTS, LOAD, Registration(ankle_height=0.01), STEP)
     assert raised.ground_moment - INPUTS.ground_moment == pytest.approx([0.0, -0.6])
-    louder = correct_inputs(INPUTS, LOAD, Registration(plate_gain=0.01))
+    louder = correct_inputs(INPUTS, LOAD, Registration(plate_gain=0.01), STEP)
     assert louder.ground_moment == pytest.approx(1.01 * INPUTS.ground_moment)
     assert louder.axial_force == pytest.approx(1.01 * INPUTS.axial_force)
     assert louder.shear_force == pytest.approx(1.01 * INPUTS.shear_force)
@@ -59,5 +61,36 @@ def test_corrections_that_matter_are_told() -> None:
 
 
 def test_no_error_changes_nothing() -> None:
-    unchanged = correct_inputs(INPUTS, LOAD, Registration())
+    unchanged = correct_inputs(INPUTS, LOAD, Registration(), STEP)
     assert all(np.array_equal(a, b) for a, b in zip(unchanged, INPUTS, strict=True))
+
+
+@pytest.mark.parametrize("delay", [0.004, -0.0125])
+def test_delay_of_the_plate_is_removed(delay: float) -> None:
+    """A plate that sees smooth loads late, while the ankle moves, gives the moment about the ankle where it is now."""
+    time = STEP * np.arange(800.0)
+
+    def measure(late: float) -> tuple[ReplayInputs, PlateLoad]:
+        vertical, forward, cop = (
+            level + size * np.sin(rate * (time - late))
+            for level, size, rate in ((600.0, 200.0, 9.0), (0.0, 80.0, 11.0), (0.6, 0.1, 7.0))
+        )
+        angle, x, z = 0.3 * np.sin(5.0 * time), 0.5 + 0.3 * time, 0.1 + 0.05 * np.sin(6.0 * time)
+        still = np.zeros_like(time)
+        inputs = ReplayInputs(
+            shank_angle=angle,
+            shank_angular_acceleration=still,
+            ankle_acceleration_x=still,
+            ankle_acceleration_z=still,
+            ground_moment=-z * forward - (cop - x) * vertical,
+            axial_force=np.cos(angle) * vertical + np.sin(angle) * forward,
+            shear_force=np.sin(angle) * vertical - np.cos(angle) * forward,
+            pressure_command=still,
+        )
+        return inputs, PlateLoad(vertical, x, z)
+
+    corrected = correct_inputs(*measure(delay), Registration(plate_delay=delay), STEP)
+    right, inside = measure(0.0)[0], slice(20, -20)
+    for name in ("ground_moment", "axial_force", "shear_force"):
+        expected = getattr(right, name)[inside]
+        assert getattr(corrected, name)[inside] == pytest.approx(expected, abs=0.02), name

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 
 from klute_sim.datasets.trial import TimeSeries, Trial, Use
-from klute_sim.device.device import Device
 from klute_sim.device.schema import effects
 from klute_sim.diagnosis.experiments.base import (
     COARSE_STEP_FACTOR,
@@ -22,12 +21,13 @@ from klute_sim.diagnosis.experiments.interpolation import hold_command
 from klute_sim.diagnosis.experiments.registration import (
     NO_REGISTRATION_ERROR,
     REGISTRATION_DEVIATIONS,
+    PlateLoad,
     Registration,
     correct_inputs,
 )
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
-from klute_sim.gait.replay.foot import build_device_foot
+from klute_sim.gait.replay.foot import build_bare_foot
 from klute_sim.gait.replay.prescribed import CUTOFF_FREQUENCY_HZ, PrescribedMotion, prepare_prescribed_motion
 from klute_sim.gait.replay.rollout import ReplayInputs, simulate_replay
 from klute_sim.gait.rig.build import get_alignment
@@ -65,8 +65,8 @@ class GaitExperiment(Experiment):
     """Inputs of the replay, one value per time step; :attr:`command` replaces their pressure command."""
     smoothed_inputs: ReplayInputs = field(kw_only=True)
     """Inputs from a motion that is low-pass filtered at half the cutoff frequency."""
-    vertical_load: Array = field(kw_only=True)
-    """Vertical ground reaction [N], one value per time step."""
+    load: PlateLoad = field(kw_only=True)
+    """Vertical ground reaction and position of the ankle, one value per time step."""
     foot_strikes: Array = field(kw_only=True)
     """Times of foot strikes since the start [s]; at least two."""
     alignment: float = field(kw_only=True)
@@ -94,7 +94,7 @@ class GaitExperiment(Experiment):
             smoothed_inputs=smoothed_inputs,
             command=self.command[::COARSE_STEP_FACTOR],
             held_command=None,
-            vertical_load=self.vertical_load[::COARSE_STEP_FACTOR],
+            load=self.load.map(lambda series: series[::COARSE_STEP_FACTOR]),
         )
 
     @cached_property
@@ -116,7 +116,7 @@ class GaitExperiment(Experiment):
 
     @property
     def registration_deviations(self) -> Mapping[str, float]:
-        """Distances and angles between plate, markers and prosthesis."""
+        """Distances, angles and delay between plate, markers and prosthesis."""
         return REGISTRATION_DEVIATIONS
 
     @property
@@ -148,7 +148,7 @@ class GaitExperiment(Experiment):
         registration = Registration(*setup.registration)
         inputs = self.inputs
         if registration != NO_REGISTRATION_ERROR:
-            inputs = correct_inputs(inputs, self.vertical_load, registration)
+            inputs = correct_inputs(inputs, self.load, registration, self.dt)
         replay = simulate_replay(setup.parameters, foot, inputs._replace(pressure_command=self.command), self.dt)
         time: Array = self.start_time + self.dt * np.arange(float(len(self.command)))
         return DeviceResponse(
@@ -169,7 +169,7 @@ class GaitExperiment(Experiment):
 
     def perturb_inputs(self, delay: Callable[[Array], Array]) -> tuple[Experiment, Experiment, Experiment]:
         """Perturb the pressure, shift the centre of pressure, and delay the command."""
-        shifted = self.inputs._replace(ground_moment=self.inputs.ground_moment - COP_PERTURBATION * self.vertical_load)
+        shifted = self.inputs._replace(ground_moment=self.inputs.ground_moment - COP_PERTURBATION * self.load.vertical)
         return (
             replace(self, command=self.command + PRESSURE_PERTURBATION),
             replace(self, inputs=shifted),
@@ -237,20 +237,17 @@ def prepare_gait_trial(trial: Trial, use: Use) -> GaitExperiment:
         limits=trial.limits,
         specimen=trial.specimen,
         alignment=alignment,
-        foot=build_device_foot(_remove_body_effects(trial.device)),
+        foot=build_bare_foot(trial.device),
         inputs=inputs,
         smoothed_inputs=smoothed_motion.interpolate(time),
-        vertical_load=np.interp(time, motion.vertical_load.time, motion.vertical_load.value),
+        load=PlateLoad(
+            np.interp(time, motion.vertical_load.time, motion.vertical_load.value),
+            motion.ankle_x(time),
+            motion.ankle_z(time),
+        ),
         foot_strikes=foot_strikes,
         mean_stride_time=float(np.mean(np.diff(foot_strikes))),
     )
-
-
-def _remove_body_effects(device: Device) -> Device:
-    retained = {
-        name: content for name, content in device.spec.effects.items() if catalogue.get_effects()[name].kind != "body"
-    }
-    return device.with_spec(device.spec.model_copy(update={"effects": retained}))
 
 
 def _find_foot_strikes(motion: PrescribedMotion, where: str) -> Array:

@@ -1,14 +1,17 @@
-"""Registration of a walk: how ground reaction, ankle axis and angles fit together, each known to a few millimetres.
+"""Registration of a walk: how ground reaction, ankle axis and angles fit together in space and time.
 
-A force plate, markers and a prosthesis are three systems of coordinates. Small errors between them move the moment
-about the ankle in every stride alike, so they are fitted with their usual size as a prior before any effect is named.
+A force plate, markers and a prosthesis are three systems of coordinates, each known to a few millimetres, and two
+clocks. Small errors between them move the moment about the ankle in every stride alike, so they are fitted with their
+usual size as a prior before any effect is named.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
 
 from klute_sim.gait.replay.rollout import ReplayInputs
 from klute_sim.types import Array
@@ -28,32 +31,68 @@ class Registration(NamedTuple):
     """Relative correction of all forces of the plate."""
     ankle_zero: float = 0.0
     """Correction of the zero of the ankle angle, or of the inclination of the shank that it refers to [rad]."""
+    plate_delay: float = 0.0
+    """Time by which the plate is late against motion and device [s]."""
 
 
 NO_REGISTRATION_ERROR = Registration()
 
+PLATE_GAIN = "registration.plate_gain_pct"
+"""Name of the number that multiplies the mechanical input, with its noise."""
 REGISTRATION_DEVIATIONS = {
     "registration.cop_to_ankle_mm": 5.8,
     "registration.ankle_height_mm": 5.0,
-    "registration.plate_gain_pct": 1.0,
+    PLATE_GAIN: 1.0,
     "registration.ankle_zero_deg": 1.0,
+    "registration.plate_delay_ms": 5.0,
 }
 """Name -> standard deviation in the unit of the name (assumed: centre of pressure 3 mm and ankle axis 5 mm, of which
-only the distance matters; plate 1 %; shank 1 degree). In the order of :class:`Registration`."""
-SI_FACTORS = (1e-3, 1e-3, 1e-2, np.pi / 180.0)
+only the distance matters; plate 1 %; shank 1 degree; clocks one sample of a log at 200 Hz). In the order of
+:class:`Registration`."""
+SI_FACTORS = (1e-3, 1e-3, 1e-2, np.pi / 180.0, 1e-3)
 """Units of the names in SI, in the same order."""
 
 
-def correct_inputs(inputs: ReplayInputs, vertical_load: Array, registration: Registration) -> ReplayInputs:
-    """Return ``inputs`` of a replay under ``registration`` errors; ``vertical_load`` [N] has one value per time step.
+SMOOTHING_TIME = 2e-3
+"""Standard deviation [s] of the Gaussian filter that tells the load from the noise of the plate (assumed: it passes
+99 % at 10 Hz, and a seventh of the variance of white noise at 1 kHz)."""
+
+
+class PlateLoad(NamedTuple):
+    """What a correction of the plate needs beside the inputs of a replay, one value per time step each."""
+
+    vertical: Array
+    """Vertical ground reaction [N]."""
+    ankle_x: Array
+    """Forward position of the ankle [m]."""
+    ankle_z: Array
+    """Height of the ankle [m]."""
+
+    def map(self, change: Callable[[Array], Array]) -> "PlateLoad":
+        """Return the load with all series after ``change``."""
+        return PlateLoad(*(change(series) for series in self))
+
+
+def correct_inputs(inputs: ReplayInputs, load: PlateLoad, registration: Registration, dt: float) -> ReplayInputs:
+    """Return ``inputs`` of a replay, one value per time step ``dt`` [s], under ``registration`` errors.
 
     The moment of the ground reaction about the ankle, plantarflexion positive, is ``-z F_forward - d F_vertical`` with
     height z of the ankle and distance d of the centre of pressure in front of it.
     """
     gain = 1.0 + registration.plate_gain
     sine, cosine = np.sin(inputs.shank_angle), np.cos(inputs.shank_angle)
-    forward_force = sine * inputs.axial_force - cosine * inputs.shear_force
-    shift = registration.ankle_height * forward_force + registration.cop_to_ankle * vertical_load
+    forward, vertical = sine * inputs.axial_force - cosine * inputs.shear_force, load.vertical
+    if registration.plate_delay != 0.0:
+        moment_about_origin = load.ankle_x * vertical - load.ankle_z * forward - inputs.ground_moment
+        forward, vertical, moment_about_origin = (
+            _advance(series, registration.plate_delay, dt) for series in (forward, vertical, moment_about_origin)
+        )
+        inputs = inputs._replace(
+            ground_moment=load.ankle_x * vertical - load.ankle_z * forward - moment_about_origin,
+            axial_force=cosine * vertical + sine * forward,
+            shear_force=sine * vertical - cosine * forward,
+        )
+    shift = registration.ankle_height * forward + registration.cop_to_ankle * vertical
     return inputs._replace(
         ground_moment=gain * (inputs.ground_moment - shift),
         axial_force=gain * inputs.axial_force,
@@ -61,11 +100,22 @@ def correct_inputs(inputs: ReplayInputs, vertical_load: Array, registration: Reg
     )
 
 
+def _advance(series: Array, delay: float, dt: float) -> Array:
+    """Return ``series``, one value per time step ``dt`` [s], a time ``delay`` [s] earlier.
+
+    Noise stays where it is: interpolation between samples would reduce it, and a fit would prefer such delays.
+    """
+    smooth, steps = gaussian_filter1d(series, SMOOTHING_TIME / dt), np.arange(len(series), dtype=np.float64)
+    advanced = CubicSpline(steps, smooth)(np.clip(steps + delay / dt, 0.0, steps[-1]))
+    return np.asarray(series + advanced - smooth)
+
+
 REGISTRATION_WORDS = {
     "registration.cop_to_ankle_mm": ("the centre of pressure lies {size} mm further {direction}", "forward", "back"),
     "registration.ankle_height_mm": ("the ankle axis lies {size} mm {direction}", "higher", "lower"),
-    "registration.plate_gain_pct": ("the forces of the plate are {size} % {direction}", "larger", "smaller"),
+    PLATE_GAIN: ("the forces of the plate are {size} % {direction}", "larger", "smaller"),
     "registration.ankle_zero_deg": ("the zero of the ankle angle is {size} degrees {direction}", "higher", "lower"),
+    "registration.plate_delay_ms": ("the load of the plate came {size} ms {direction}", "earlier", "later"),
 }
 """Name -> statement about the corrected set-up, and the directions of a positive and of a negative correction."""
 MIN_REPORTED_SIGMAS = 0.5

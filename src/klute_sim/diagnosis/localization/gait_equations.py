@@ -138,7 +138,7 @@ def divide_walk(experiment: GaitExperiment, setup: SimulationSetup) -> Iterator[
         return
     response = simulate_extrapolated(setup, experiment)
     registration, foot = Registration(*setup.registration), experiment.build_foot(setup)
-    inputs = correct_inputs(experiment.inputs, experiment.vertical_load, registration)
+    inputs = correct_inputs(experiment.inputs, experiment.load, registration, experiment.dt)
     grid = experiment.start_time + experiment.dt * np.arange(len(experiment.command))
     clock = experiment.measured["ankle_angle"].time
     interval = float(np.median(np.diff(clock)))

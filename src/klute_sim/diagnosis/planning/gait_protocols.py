@@ -13,6 +13,7 @@ import numpy as np
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.base import MAX_WARM_UP_TIME
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
+from klute_sim.diagnosis.experiments.registration import PlateLoad
 from klute_sim.effects.families.body import MIN_KEEL_TIME_CONSTANT, add_distal_mass
 from klute_sim.gait.replay.rollout import ReplayInputs
 from klute_sim.laws.foot import Foot
@@ -162,7 +163,7 @@ def _change_speed(walk: GaitExperiment, factor: float) -> GaitExperiment:
         inputs=inputs,
         smoothed_inputs=inputs,
         command=resample(walk.command),
-        vertical_load=resample(walk.vertical_load),
+        load=walk.load.map(resample),
         foot_strikes=walk.foot_strikes / factor,
         mean_stride_time=walk.mean_stride_time / factor,
         measured=measured,
@@ -176,7 +177,8 @@ def _carry_load(walk: GaitExperiment) -> GaitExperiment:
         axial_force=factor * inputs.axial_force,
         shear_force=factor * inputs.shear_force,
     )
-    return replace(walk, inputs=inputs, smoothed_inputs=inputs, vertical_load=factor * walk.vertical_load)
+    load = walk.load._replace(vertical=factor * walk.load.vertical)
+    return replace(walk, inputs=inputs, smoothed_inputs=inputs, load=load)
 
 
 def _clamp_ankle(foot: Foot) -> Foot:
@@ -210,7 +212,7 @@ def _stand(
     elapsed = walk.dt * np.arange(round(STANDING_TIME / walk.dt), dtype=np.float64)
     rate = 2.0 * np.pi * SWAY_FREQUENCY_HZ
     wave, still = np.sin(rate * elapsed), np.zeros_like(elapsed)
-    load = np.full_like(elapsed, share * walk.vertical_load.max())
+    load = np.full_like(elapsed, share * walk.load.vertical.max())
     steps = (elapsed / PRESSURE_STEP_TIME).astype(int) % len(levels)
     command = walk.command.max() * np.asarray(levels)[steps]
     inputs = ReplayInputs(
@@ -226,4 +228,11 @@ def _stand(
     interval = min(series.sampling_interval for series in walk.measured.values())
     time = walk.start_time + np.arange(MAX_WARM_UP_TIME, elapsed[-1], interval)
     measured = {name: TimeSeries(time, time) for name in walk.measured}
-    return replace(walk, inputs=inputs, smoothed_inputs=inputs, command=command, vertical_load=load, measured=measured)
+    return replace(
+        walk,
+        inputs=inputs,
+        smoothed_inputs=inputs,
+        command=command,
+        load=PlateLoad(load, still, still),
+        measured=measured,
+    )
