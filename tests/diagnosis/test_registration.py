@@ -1,7 +1,10 @@
-"""Registration of walks: signs, a late plate, and no change without an error."""
+"""Registration of walks: signs, a late plate, noise of the centre of pressure, and no change without an error."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from klute_sim.diagnosis.experiments.registration import (
     REGISTRATION_DEVIATIONS,
@@ -11,7 +14,13 @@ from klute_sim.diagnosis.experiments.registration import (
     correct_inputs,
     describe_registration,
 )
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
+from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.gait.replay.rollout import ReplayInputs
+from tests.diagnosis.synthetic_walk import DEVICE, make_walks
 
 STEP = 1e-3
 LOAD = PlateLoad(np.array([0.0, 800.0]), np.array([0.5, 0.51]), np.array([0.1, 0.1]))
@@ -94,3 +103,35 @@ def test_delay_of_the_plate_is_removed(delay: float) -> None:
     for name in ("ground_moment", "axial_force", "shear_force"):
         expected = getattr(right, name)[inside]
         assert getattr(corrected, name)[inside] == pytest.approx(expected, abs=0.02), name
+
+
+def fit_walks(cop_noise: float, seed: int, *, is_corrected: bool = True) -> Fit:
+    """Return the fit of the registration to walks with slow noise of the centre of pressure [m], and no error."""
+    rng, walks = np.random.default_rng(seed), make_walks(amplitudes=(1.0, 0.8, 0.6), seed=seed)
+    for index, walk in enumerate(walks):
+        noise = gaussian_filter1d(rng.normal(size=len(walk.command)), 20.0)
+        shift = cop_noise * noise / noise.std() * walk.load.vertical
+        walks[index] = replace(walk, inputs=walk.inputs._replace(ground_moment=walk.inputs.ground_moment - shift))
+    simulator = Simulator(1)
+    try:
+        experiments, _ = add_noise_scales(walks, walks, simulator)
+        if not is_corrected:
+            experiments = [replace(e, input_noise_share={}) for e in experiments]
+        names = tuple(REGISTRATION_DEVIATIONS.items())
+        hypothesis = Hypothesis(DEVICE, (), (), registration=names)
+        (residuals,) = WeightedData(simulator, experiments, {}).compute_residuals(hypothesis, [np.zeros(len(names))])
+        noise_of_channels = estimate_noise_from_repeats(experiments, residuals)
+        return fit_hypothesis(WeightedData(simulator, experiments, noise_of_channels), hypothesis)
+    finally:
+        simulator.close()
+
+
+def test_noise_of_the_centre_of_pressure_does_not_lower_the_gain_of_the_plate() -> None:
+    """Without the correction, noise in the load dilutes the regression: the gain comes out too small in the mean."""
+    gain = list(REGISTRATION_DEVIATIONS).index("registration.plate_gain_pct")
+    diluted, corrected = (
+        np.mean([fit_walks(3e-3, seed, is_corrected=is_corrected).values[gain] for seed in range(4)])
+        for is_corrected in (False, True)
+    )
+    assert diluted < -0.3
+    assert abs(corrected) < 0.35 * abs(diluted)

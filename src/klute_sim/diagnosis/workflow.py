@@ -223,7 +223,7 @@ class _Outcome(NamedTuple):
 def _compute_chi2(data: WeightedData, fit: Fit) -> float:
     """Return chi squared of ``data`` at the parameters of ``fit``; infinite where a simulation diverges."""
     residuals = data.weight_residuals(data.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)[0])
-    priors = fit.x[: fit.hypothesis.n_prior_parameters]
+    priors = data.compute_prior_residuals(fit.hypothesis, fit.x)
     return float(residuals @ residuals + priors @ priors)
 
 

@@ -197,6 +197,9 @@ class Experiment(ABC):
     input_error_scale: Mapping[str, Array] = field(default_factory=dict)
     """Channel -> factor, at least 1 at each sample, by which it counts less because the inputs between their samples
     are unknown. Repeats share this error, so it is no noise. 1 for channels that are not listed."""
+    input_noise_share: Mapping[str, Array] = field(default_factory=dict)
+    """Channel -> share of the variance of its noise that is noise of the mechanical input, at each sample; 0 for
+    channels that are not listed."""
     trusted: frozenset[str] = frozenset()
     """Channels whose instrument is known to be correct."""
     quantizers: Mapping[str, SupportsQuantize] = field(default_factory=dict)

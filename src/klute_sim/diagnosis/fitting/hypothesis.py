@@ -25,7 +25,7 @@ from klute_sim.diagnosis.experiments.base import (
     SensorModel,
     SimulationSetup,
 )
-from klute_sim.diagnosis.experiments.registration import REGISTRATION_PREFIX, SI_FACTORS
+from klute_sim.diagnosis.experiments.registration import PLATE_GAIN, REGISTRATION_PREFIX, SI_FACTORS
 from klute_sim.diagnosis.fitting.dependent_numbers import (
     complete_numbers,
     limit_to_valid,
@@ -213,6 +213,15 @@ class Hypothesis:
         They come first and have normal priors of mean 0 and standard deviation 1.
         """
         return len(self.uncertainties) + len(self.registration)
+
+    @property
+    def input_gains(self) -> Array:
+        """Relative change of the mechanical input per standard deviation of each prior parameter.
+
+        Only the gain of the force plate changes it in proportion.
+        """
+        priors = self.parameters[: self.n_prior_parameters]
+        return np.array([0.01 * p.scale if p.name == PLATE_GAIN else 0.0 for p in priors], dtype=np.float64)
 
     def initial_point(self) -> Array:
         """Return the normalized parameters of the nominal device with neutral effects: (parameters,) of 0."""

@@ -139,6 +139,27 @@ class WeightedData:
             for e in self.experiments
         ]
 
+    def compute_prior_residuals(self, hypothesis: Hypothesis, x: Array) -> Array:
+        """Return the residuals of the priors of ``hypothesis`` at normalized parameters ``x``.
+
+        A gain of the mechanical input multiplies its noise as well, so least squares would favour a small gain
+        (regression dilution). The expected derivative of half of chi squared by the gain ``g`` at the truth is the
+        number ``n`` of independent samples of this noise. The corrected score (Nakamura, Biometrika 77:127, 1990)
+        subtracts it, which for a small gain is a prior whose mean is ``n dg/dx``.
+        """
+        return np.asarray(x[: hypothesis.n_prior_parameters] - self.n_noisy_inputs * hypothesis.input_gains)
+
+    @cached_property
+    def n_noisy_inputs(self) -> float:
+        """Effective number of independent samples of the noise of the mechanical input."""
+        return sum(
+            float(np.sum(share / np.square(e.input_error_scale.get(channel, 1.0))))
+            / self.noise[channel].correlation_time(e.measured[channel].sampling_interval)
+            for e in self.experiments
+            for channel, share in e.input_noise_share.items()
+            if channel in self.noise and channel in e.measured
+        )
+
     def with_experiments(self, experiments: Sequence[Experiment]) -> "WeightedData":
         """Return other ``experiments`` with the same noise."""
         return WeightedData(self.simulator, experiments, self.noise, self.cache)
@@ -356,4 +377,5 @@ class _LeastSquaresProblem:
         return [self._assemble(x, residuals) for x, residuals in zip(points, rows, strict=True)]
 
     def _assemble(self, x: Array, residuals: Residuals) -> Array:
-        return np.concatenate([self._data.weight_residuals(residuals), x[: self._hypothesis.n_prior_parameters]])
+        priors = self._data.compute_prior_residuals(self._hypothesis, x)
+        return np.concatenate([self._data.weight_residuals(residuals), priors])

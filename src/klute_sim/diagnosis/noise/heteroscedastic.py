@@ -74,20 +74,25 @@ def add_noise_scales(
     for e, row, errors, stated in zip(experiments, rows, input_errors, stated_variances, strict=True):
         scales: dict[str, Array] = {}
         input_error_scales: dict[str, Array] = {}
+        input_noise_shares: dict[str, Array] = {}
         for channel in e.measured:
             model = models.get(channel)
             if model is not None and len(e.measured[channel].time):
                 variance = np.maximum(
                     MIN_VARIANCE_FRACTION, row[channel][1:3].T @ model.coefficients[1:] + model.coefficients[0]
                 )
-                scales[channel] = ratios[e.name][channel] * np.sqrt(variance + row[channel][3] / model.mean_variance)
+                variance_with_timing = variance + row[channel][3] / model.mean_variance
+                scales[channel] = ratios[e.name][channel] * np.sqrt(variance_with_timing)
+                input_noise_shares[channel] = model.coefficients[2] * row[channel][2] / variance_with_timing
                 if channel in errors or channel in stated:
                     noise_variance = scales[channel] ** 2 * model.mean_variance
                     shared = np.maximum(0.0, stated.get(channel, 0.0) - MAX_REPEATED_RATIO * noise_variance)
                     error = errors.get(channel, 0.0) + INPUT_ERROR_SIGMAS**2 * shared
                     if np.isfinite(error).all():
                         input_error_scales[channel] = np.sqrt(1.0 + error / noise_variance)
-        scaled[e.name] = replace(e, noise_scale=scales, input_error_scale=input_error_scales)
+        scaled[e.name] = replace(
+            e, noise_scale=scales, input_error_scale=input_error_scales, input_noise_share=input_noise_shares
+        )
     remarks = [*describe_noisy_trials(experiments, noise_ratios), *_describe_slow_inputs(list(scaled.values()))]
     return [scaled.get(e.name, e) for e in all_experiments], remarks
 

@@ -102,7 +102,14 @@ def _use_one_clock(walk: GaitExperiment, data: WeightedData) -> GaitExperiment:
     channels = dict.fromkeys([*data.noise, *ADDED_NOISE])
     samples = TimeSeries(slowest.time, slowest.time)
     # The size of the noise is that of the channel, and limits of sensors belong to what was measured.
-    return replace(walk, measured=dict.fromkeys(channels, samples), noise_scale={}, input_error_scale={}, limits={})
+    return replace(
+        walk,
+        measured=dict.fromkeys(channels, samples),
+        noise_scale={},
+        input_error_scale={},
+        input_noise_share={},
+        limits={},
+    )
 
 
 def _evaluate_protocol(

@@ -300,7 +300,7 @@ def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], r
     Repeats of a condition share the error of the law, so they add nothing: each channel counts in one of them, that
     with the most samples which measured it. Channels without noise in ``data`` do not count.
     """
-    plain = [replace(e, noise_scale={}, input_error_scale={}) for e in experiments]
+    plain = [replace(e, noise_scale={}, input_error_scale={}, input_noise_share={}) for e in experiments]
     noise = {}
     for channel, estimate in estimate_noise_from_residuals(plain, residuals).items():
         if channel not in data.noise:
