@@ -88,6 +88,15 @@ def test_limits_of_a_trial_replace_those_of_the_dataset(tmp_path: Path) -> None:
     assert [trial.limits["force"].high for trial in load(tmp_path, text).trials] == [900.0, 2000.0]
 
 
+@pytest.mark.parametrize(("text", "seconds"), [("20 ms", 0.02), ("-0.05 s", -0.05), ("0 s", 0.0)])
+def test_delay_is_subtracted_from_the_times_of_a_channel(tmp_path: Path, text: str, seconds: float) -> None:
+    declared = load(tmp_path, f'[delay]\nforce = "{text}"\n' + TRIALS + '[trial.delay]\nforce = "7 ms"\n').trials
+    recorded = load(tmp_path, TRIALS).trials
+    for before, after, delay in zip(recorded, declared, (seconds, 0.007), strict=True):
+        assert after.measured["force"].time == pytest.approx(before.measured["force"].time - delay)
+        assert after.prescribed["length"].time == pytest.approx(before.prescribed["length"].time)
+
+
 @pytest.mark.parametrize(("limits", "n_free"), [("to 10 N", 0), ("699.9 N to", 1)])
 def test_limits_that_leave_hardly_a_sample_are_refused(tmp_path: Path, limits: str, n_free: int) -> None:
     sentence = load_error(tmp_path, f'[limits]\nforce = "{limits}"\n' + TRIALS)
@@ -109,6 +118,10 @@ def test_limits_that_leave_hardly_a_sample_are_refused(tmp_path: Path, limits: s
         ('[noise]\nlength = "-1 mm"\n', "length = '-1 mm' is refused; allowed: a number above 0"),
         ('[noise]\nlenght = "1 mm"\n', "unknown channel 'lenght'; did you mean 'length'? Allowed: the prescribed"),
         ('[noise]\nforce = "1 N"\n', "names 'force', whose noise is estimated from repeats and residuals; allowed"),
+        ("[delay]\nforce = 0.02\n", "delay.force = 0.02 is refused; allowed: a table of channel = '20 ms'"),
+        ('[delay]\nforce = "20 mm"\n', "[delay] force = '20 mm' has a unit of the wrong kind; allowed: s, ms, min"),
+        ('[delay]\nforce = "2 h"\n', "[delay] force = '2 h' is refused; allowed: up to 3600 s, late or early"),
+        ('[delay]\nforec = "2 ms"\n', "[delay] names the unknown channel 'forec'; did you mean 'force'?"),
         ('[limits]\nforce = 5\n', "limits.force = 5 is refused; allowed: a table of channel = '-9 N to 445 N'"),
         ('[limits]\nforce = "5 N"\n', "= '5 N' is refused; write for example '-9 N to 445 N', '-9 N to' or 'to 445 N'"),
         ('[limits]\nforce = "to"\n', "[limits] force = 'to' is refused; write for example"),

@@ -87,7 +87,7 @@ def test_example_file_is_read_as_documented(tmp_path: Path) -> None:
 
 
 def test_all_keys_and_channels_are_documented() -> None:
-    sections = {"uncertain", "columns", "noise", "limits", "tolerance", "devices", "numbers"}
+    sections = {"uncertain", "columns", "noise", "limits", "delay", "tolerance", "devices", "numbers"}
     keys = {*format.DatasetFile.model_fields, *format.TrialEntry.model_fields} - sections - {"trial"}
     names = {name for rig in channels.RIGS for name in channels.get_column_units(rig)}
     assert all(f"`{name}`" in PAGE for name in keys | names)

@@ -11,13 +11,13 @@ from klute_sim.datasets import checks, declarations
 from klute_sim.datasets import format as file_format
 from klute_sim.datasets.channels import TENSION_CHANNELS, TIME_COLUMN, ChannelSource, RigName, resolve_channel
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
-from klute_sim.datasets.file_remarks import merge_file_remarks
+from klute_sim.datasets.file_remarks import describe_accepted, merge_file_remarks
 from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.initial_state import check_initial_state, parse_initial_state
 from klute_sim.datasets.mechanism import DatasetMechanism, check_model_numbers, load_dataset_mechanism
 from klute_sim.datasets.muscle_diameter import scale_muscle
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses, split_trials
-from klute_sim.datasets.trial import InitialState, SensorLimits, TimeSeries, Trial, TrialChannels, read_trial
+from klute_sim.datasets.trial import InitialState, SensorLimits, Trial, TrialChannels, read_trial
 from klute_sim.device import device as device_files
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
@@ -135,7 +135,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     for plan in plans:
         files = tuple(folder / name for name in plan.entry.files)
         has_supply = mechanism is not None or device.spec.supply is not None
-        channels = read_trial(files, channel_source, plan.mapping, has_supply=has_supply)
+        channels = read_trial(files, channel_source, plan.mapping, plan.delays, has_supply=has_supply)
         for file_digest in channels.digests:
             digest.update(bytes.fromhex(file_digest))
         trials.append(plan.build_trial(files, channels, source))
@@ -176,7 +176,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
             *_collect_remarks(trials, [channels.remarks for channels in contents]),
             *unmapped_remarks,
             *_describe_scope(trials, file.rig),
-            *_describe_accepted(accepted, file.accept, source),
+            *describe_accepted(accepted, file.accept, source),
         ),
         accepted=accepted,
         tolerance=tolerance,
@@ -204,6 +204,8 @@ class _TrialPlan(NamedTuple):
     """Prescribed channel -> standard deviation of its noise [SI]."""
     limits: Mapping[str, SensorLimits]
     """Measured channel -> limits of its sensor [SI]."""
+    delays: Mapping[str, float]
+    """Channel -> time by which it is late [s]."""
     mapping: ColumnMapping
     """Expressions for its channels."""
     devices: Mapping[str, Device]
@@ -226,7 +228,7 @@ class _TrialPlan(NamedTuple):
             files=files,
             prescribed=channels.prescribed,
             measured=channels.measured,
-            trusted=_validate_trusted(self.entry.trusted, channels.measured, place),
+            trusted=declarations.check_trusted(self.entry.trusted, channels.measured, place),
             specimen=self.entry.specimen or "",
             input_noise=self.input_noise,
             limits={channel: limits for channel, limits in self.limits.items() if channel in channels.measured},
@@ -254,6 +256,10 @@ def _plan_trials(
             **declarations.parse_limits(file.limits, channels, f"{source}: [limits]"),
             **declarations.parse_limits(entry.limits, channels, f"{place}: [trial.limits]"),
         }
+        delays = {
+            **declarations.parse_delays(file.delay, channels, f"{source}: [delay]"),
+            **declarations.parse_delays(entry.delay, channels, f"{place}: [trial.delay]"),
+        }
         heading_row = entry.heading_row or file.heading_row
         mapping = parse_mapping(file.columns, entry.columns, channels, source, place, heading_row)
         changed_device = device.with_changes(entry.device, place)
@@ -269,7 +275,9 @@ def _plan_trials(
             key = "numbers" if entry.numbers else "initial"
             raise InputError(f"{place}: [trial.{key}] is for rig = 'mjcf'; remove it, or change the rig")
         plans.append(
-            _TrialPlan(entry, split_entry, changed_device, noise, limits, mapping, devices, numbers, initial_state)
+            _TrialPlan(
+                entry, split_entry, changed_device, noise, limits, delays, mapping, devices, numbers, initial_state
+            )
         )
     return plans
 
@@ -295,16 +303,6 @@ def _check_unmapped(contents: Sequence[TrialChannels], source: ChannelSource) ->
 def split_dataset(dataset: Dataset) -> Split:
     """Return the split of ``dataset`` into trials for fit, validation and test; it is always the same."""
     return split_trials(dataset.trials, str(dataset.folder / DATASET_FILE_NAME))
-
-
-def _validate_trusted(names: Sequence[str], measured: Mapping[str, TimeSeries], source: str) -> frozenset[str]:
-    for channel in names:
-        if channel not in measured:
-            raise InputError(
-                f"{source}: 'trusted' names '{channel}', which the trial does not measure; allowed: "
-                f"{', '.join(measured)}"
-            )
-    return frozenset(names)
 
 
 def _collect_remarks(trials: Sequence[Trial], file_remarks: Sequence[tuple[str, ...]]) -> list[str]:
@@ -333,13 +331,6 @@ def _describe_scope(trials: Sequence[Trial], rig: RigName) -> list[str]:
     listed = ", ".join(names[:MAX_LISTED_TRIALS]) + (" and others" if len(names) > MAX_LISTED_TRIALS else "")
     noun, verb = ("trials", "measure") if len(names) > 1 else ("trial", "measures")
     return [f"{noun} {listed} {verb} neither force nor muscle_length, and can show the supply only"]
-
-
-def _describe_accepted(accepted: Sequence[Finding], names: Sequence[str], source: str) -> list[str]:
-    """Return a remark for each accepted finding and for each of ``names`` in the file that accepts nothing."""
-    found = {finding.name for finding in accepted}
-    unused = [f"{source}: 'accept' names '{name}', which was not found" for name in names if name not in found]
-    return [*(f"accepted: {finding.sentence}" for finding in accepted), *unused]
 
 
 def _read_content(folder: Path) -> bytes:

@@ -1,8 +1,8 @@
-"""Quantities with units that ``dataset.toml`` declares for channels: noise of inputs, limits of sensors, tolerances."""
+"""Quantities with units that ``dataset.toml`` declares for channels: noise, limits, delays, tolerances."""
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -20,6 +20,8 @@ MIN_FREE_FRACTION = 0.1
 MIN_REFERENCE_FRACTION = 0.1
 """Fraction of the largest magnitude of a channel that a noise or a tolerance may reach where the channel has a smaller
 range (assumed: a clamped length has hardly any, and may be wrong by more)."""
+MAX_DELAY = 3600.0
+"""Longest delay between the clocks of two instruments [s] (assumed)."""
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d].*?|[°%].*?)\s*")
 _PERCENT = "%"
 
@@ -88,6 +90,24 @@ def parse_limits(limits: Mapping[str, str], rig: ChannelSource, place: str) -> d
             raise InputError(f"{key} = '{text}' is refused; the second number must be larger than the first")
         parsed[channel] = SensorLimits(low, high)
     return parsed
+
+
+def parse_delays(delay: Mapping[str, str], rig: ChannelSource, place: str) -> dict[str, float]:
+    """Return the delay [s] of each channel in ``delay``; ``place`` names the table.
+
+    Raises InputError for a channel that ``rig`` does not have, for a number without a unit of time, and for a delay of
+    more than :data:`MAX_DELAY`.
+    """
+    units = {**get_prescribed_units(rig), **get_measured_units(rig)}
+    delays = {}
+    for channel, text in delay.items():
+        if channel not in units:
+            hint = f"allowed: {', '.join(units)}"
+            raise InputError(f"{place} names the unknown channel '{channel}'; {suggest(channel, units, hint)}")
+        delays[channel] = parse_quantity(text, "s", f"{place} {channel}")
+        if abs(delays[channel]) > MAX_DELAY:
+            raise InputError(f"{place} {channel} = '{text}' is refused; allowed: up to {MAX_DELAY:g} s, late or early")
+    return delays
 
 
 def check_limits(fit_trials: Sequence[tuple[Trial, Mapping[str, str]]], place: str) -> None:
@@ -185,6 +205,17 @@ def _require_positive(value: float, text: str, key: str) -> float:
     if value <= 0.0:
         raise InputError(f"{key} = '{text}' is refused; allowed: a number above 0")
     return value
+
+
+def check_trusted(names: Sequence[str], measured: Collection[str], source: str) -> frozenset[str]:
+    """Return the trusted channels ``names``; raise InputError for one that is not ``measured``."""
+    for channel in names:
+        if channel not in measured:
+            raise InputError(
+                f"{source}: 'trusted' names '{channel}', which the trial does not measure; allowed: "
+                f"{', '.join(measured)}"
+            )
+    return frozenset(names)
 
 
 def check_specimens(trials: Sequence[tuple[SplitEntry, str]], place: str) -> None:

@@ -136,6 +136,8 @@ class TrialEntry(_Section):
     """Prescribed channel that was measured in this trial -> standard deviation of its noise, with a unit."""
     limits: dict[str, Name] = {}
     """Measured channel -> limits of its sensor in this trial, with units."""
+    delay: dict[str, Name] = {}
+    """Channel -> time by which it is late in this trial, with a unit; negative where it is early."""
     trusted: list[Name] = []
     """Measured channels whose instrument is known to be correct in this trial, such as a calibrated load cell."""
     numbers: Numbers = {}
@@ -165,6 +167,8 @@ class DatasetFile(_Section):
     """Prescribed channel that was measured -> standard deviation of its noise in all trials, with a unit."""
     limits: dict[str, Name] = {}
     """Measured channel -> limits of its sensor, with units."""
+    delay: dict[str, Name] = {}
+    """Channel -> time by which it is late in all trials, with a unit; negative where it is early."""
     tolerance: dict[str, Name] = {}
     """Measured channel -> misfit that does not matter, with a unit or in per cent of the channel's range."""
     accept: list[Name] = []
@@ -208,6 +212,8 @@ _ALLOWED_VALUES: dict[str, str] = {
     "noise": "a table of channel = '0.2 mm', a standard deviation with a unit",
     "limits": "a table of channel = '-9 N to 445 N'",
     "trial.limits": "a table of channel = '-9 N to 445 N'",
+    "delay": "a table of channel = '20 ms', with a unit",
+    "trial.delay": "a table of channel = '20 ms', with a unit",
     "tolerance": "a table of channel = '5 N' or '2 %'",
     "trial.specimen": "a name, as text",
     "trial.noise": "a table of channel = '0.2 mm', a standard deviation with a unit",

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ class TimeSeries(NamedTuple):
     """Samples of one channel in SI units."""
 
     time: Array
-    """Time [s], finite and strictly increasing; shared by the channels of one file."""
+    """Time [s], finite and strictly increasing; shared by the channels of one file with the same delay."""
     value: Array
     """Value [SI] at each time; NaN where a measured channel has no sample."""
 
@@ -116,11 +117,17 @@ class TrialChannels(NamedTuple):
 
 
 def read_trial(
-    files: Sequence[Path], rig: ChannelSource, mapping: ColumnMapping = NO_MAPPING, *, has_supply: bool = True
+    files: Sequence[Path],
+    rig: ChannelSource,
+    mapping: ColumnMapping = NO_MAPPING,
+    delays: Mapping[str, float] = MappingProxyType({}),
+    *,
+    has_supply: bool = True,
 ) -> TrialChannels:
     """Read and check the ``files`` of one trial on ``rig``, with the expressions of ``mapping``.
 
-    Without a supply of the device, a trial without a command has the command 0.
+    The delay [s] of a channel in ``delays`` is subtracted from its times. Without a supply of the device, a trial
+    without a command has the command 0.
 
     Raises InputError for anything that is wrong with them.
     """
@@ -136,7 +143,7 @@ def read_trial(
             if name == TIME_COLUMN:
                 continue
             channel = channels.resolve_channel(rig, name)
-            column = _Column(file, name, TimeSeries(time, samples))
+            column = _Column(file, name, TimeSeries(time - delays.get(channel, 0.0), samples))
             if channel in columns:
                 raise InputError(_describe_duplicate(channel, columns[channel], column))
             if channel != channels.GAP_TOLERANT_CHANNEL:
