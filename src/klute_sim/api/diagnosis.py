@@ -21,6 +21,7 @@ from klute_sim.diagnosis.transfer import TransferPrediction, predict_dataset
 from klute_sim.diagnosis.verdict import DEVICE_FILE_NAME, verdict_to_dict
 from klute_sim.diagnosis.workflow import diagnose as run_diagnosis
 from klute_sim.errors import InputError, MissingExtraError
+from klute_sim.gait.replay.recording_mistakes import find_recording_mistakes
 from klute_sim.recording.run_folder import create_run_folder
 from klute_sim.types import ProgressCallback
 
@@ -193,7 +194,8 @@ def load_dataset(folder: str | Path, device: DeviceLike | None = None, *, accept
 
     Raises InputError when a file cannot be read or is not valid, or a trial is implausible.
     """
-    return datasets.load_dataset(folder, None if device is None else to_device(device), accept)
+    replaced = None if device is None else to_device(device)
+    return datasets.load_dataset(folder, replaced, accept, find_recording_mistakes)
 
 
 def write_example_dataset(folder: str | Path) -> None:

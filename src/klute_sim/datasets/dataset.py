@@ -1,7 +1,7 @@
 """A dataset: a folder of measured trials, read and checked."""
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path, PurePath
@@ -100,13 +100,19 @@ class Dataset:
         return f"<p><code>{escape(repr(self))}</code></p><table><tr>{head}</tr>{body}</table>"
 
 
-def load_dataset(folder: str | Path, device: Device | None = None, accept: Collection[str] = ()) -> Dataset:
+def load_dataset(
+    folder: str | Path,
+    device: Device | None = None,
+    accept: Collection[str] = (),
+    find_in_walks: Callable[[Sequence[Trial]], list[Finding]] = lambda trials: [],
+) -> Dataset:
     """Read and check the dataset in ``folder``.
 
     ``device`` replaces the one that the dataset names and is of the diameter of the trials: table ``[diameter]`` does
-    not change it. ``accept`` holds names of findings about implausible trials
-    that are right nevertheless, in addition to those that the dataset accepts. Raises InputError with one sentence that
-    says what is wrong, where, and what is allowed.
+    not change it. ``accept`` holds names of findings about implausible trials that are right nevertheless, in addition
+    to those that the dataset accepts. ``find_in_walks`` returns the findings in gait trials that have no others, as
+    :func:`klute_sim.gait.replay.recording_mistakes.find_recording_mistakes` does. Raises InputError with one sentence
+    that says what is wrong, where, and what is allowed.
     """
     folder = Path(folder)
     content = _read_content(folder)
@@ -164,6 +170,8 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
             check_duration(series.time, f"{source}, trial '{trial.name}'")
         if file.rig == "gait":
             checks.check_motion_rate(trial, source)
+    if file.rig == "gait" and not accepted:
+        accepted = require_accepted(find_in_walks(trials), {*file.accept, *accept})
     return Dataset(
         folder=folder,
         rig=file.rig,

@@ -18,6 +18,7 @@ from klute_sim.device import device as device_files
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.gait.replay.prescribed import prepare_prescribed_motion
+from klute_sim.gait.replay.recording_mistakes import find_recording_mistakes
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics.prosthesis_kinematics import find_named_sides
 from klute_sim.mocap.options import ImportOptions
@@ -162,7 +163,7 @@ def write_dataset(imported: ImportedDataset, folder: Path) -> dict[str, Any]:
         (folder / DEVICE_FILE).write_bytes(imported.device.content)
     dataset_file = folder / datasets.DATASET_FILE_NAME
     dataset_file.write_text(_format_toml(imported.options, device, entries), "utf-8", newline="\n")
-    dataset = datasets.load_dataset(folder, accept=imported.accept)
+    dataset = datasets.load_dataset(folder, accept=imported.accept, find_in_walks=find_recording_mistakes)
     imported.log.require_accepted(dataset.accepted, imported.accept)
     if dataset.accepted:
         accept = sorted({finding.name for finding in dataset.accepted})

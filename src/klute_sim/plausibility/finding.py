@@ -6,11 +6,24 @@ from typing import NamedTuple
 from klute_sim.errors import InputError, suggest
 
 KINDS = frozenset(
-    {"absolute", "axis", "exchanged", "gap", "geometry", "length", "missing", "origin", "reversed", "scale", "sign"}
+    {
+        "absolute",
+        "axis",
+        "delay",
+        "exchanged",
+        "gap",
+        "geometry",
+        "length",
+        "missing",
+        "origin",
+        "reversed",
+        "scale",
+        "sign",
+    }
     | {"start", "unit", "wrapped", "zero"}
 )
 """Last words of the names of findings in trials; the words before them are channels or :data:`SUBJECTS`."""
-SUBJECTS = frozenset({"forward", "marker", "mass", "side", "stature", "stride", "time"})
+SUBJECTS = frozenset({"forward", "marker", "mass", "plate", "side", "stature", "stride", "time"})
 """What else the findings in trials concern."""
 MAX_LISTED_FINDINGS = 4
 """Maximum number of findings that one error lists."""

@@ -111,8 +111,7 @@ def _interpolate_command(trial: RecordedTrial, time: Array) -> Array:
 def _find_absolute_pressure(trial: RecordedTrial) -> list[Finding]:
     """Return whether the measured pressure stays one atmosphere above its command, whatever that is.
 
-    Where the command is absolute as well, nothing in a walk tells: the muscle is never at rest, and its tension follows
-    from the load on the foot.
+    Where the command is absolute as well, a replay tells: the muscle is never at rest.
     """
     if "pressure" not in trial.channels:
         return []
