@@ -9,7 +9,7 @@ import pytest
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
 from klute_sim.datasets.trial import TimeSeries
-from klute_sim.diagnosis import workflow
+from klute_sim.diagnosis import held_commands, workflow
 from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.interpolation import shows_updates
@@ -90,7 +90,7 @@ def make_outcome(names: str, *, bic: float = 0.0, verdict: str = "identified", i
         search=SimpleNamespace(bic_threshold=6.0),
         selected=SimpleNamespace(verdict=verdict, prediction=object() if is_imperfect else None),
         terms=terms,
-        n_time_shifts=sum(term.effect in workflow.TIME_SHIFTS for term in terms),
+        n_time_shifts=sum(term.effect in held_commands.TIME_SHIFTS for term in terms),
         compute_bic=lambda data: bic,
     )
 
@@ -127,12 +127,9 @@ def make_outcome(names: str, *, bic: float = 0.0, verdict: str = "identified", i
 def test_held_command_is_taken_where_it_explains_the_data_better(
     linear: Any, held: Any, is_held: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(workflow, "_compute_chi2", lambda data, fit: 0.0)
-    monkeypatch.setattr(workflow, "_search_model", lambda *arguments: held)
-    no_argument: Any = None
-    outcome, remarks = workflow._compare_with_held_commands(
-        no_argument, linear, no_argument, no_argument, no_argument, lambda fraction, stage: None
-    )
+    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: 0.0)
+    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
+    outcome, remarks = held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
     assert outcome is (held if is_held else linear)
     assert len(remarks) == is_held
 
@@ -143,11 +140,10 @@ def test_held_command_is_tried_for_a_shift_that_a_large_effect_hides(
 ) -> None:
     linear, held = make_outcome(names), make_outcome("supply_droop", bic=-90.0)
     searches: list[Any] = []
-    monkeypatch.setattr(workflow, "_compute_chi2", lambda data, fit: 2.0)  # more than 1.0 of the linear commands
-    monkeypatch.setattr(workflow, "_search_model", lambda *arguments: searches.append(arguments) or held)
-    no_argument: Any = None
-    outcome, _ = workflow._compare_with_held_commands(
-        no_argument, linear, no_argument, no_argument, no_argument, lambda fraction, stage: None
+    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: 2.0)  # more than 1.0 of the linear commands
+    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
+    outcome, _ = held_commands.select_command_course(
+        linear, lambda trials: searches.append(trials) or held, lambda fraction, stage: None
     )
     assert len(searches) == is_tried
     assert outcome is (held if is_tried else linear)

@@ -6,9 +6,8 @@ verdict, and they decide which device is recommended.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from klute_sim.datasets.dataset import Dataset, split_dataset
@@ -29,8 +28,9 @@ from klute_sim.diagnosis.final_model import (
     select_proxies,
 )
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.held_commands import Outcome, select_command_course
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.imperfect_law import (
     decide_verdict,
@@ -67,9 +67,6 @@ from klute_sim.diagnosis.selection.deviating_specimen import find_deviating_spec
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import has_several_specimens
 from klute_sim.types import ProgressCallback
-
-TIME_SHIFTS = frozenset({"clock_skew", "pressure_delay"})
-"""Effects that shift a channel or the command in time, as another course of the command between its samples does."""
 
 
 def diagnose(
@@ -120,14 +117,17 @@ def _run_workflow(
     quantizers: dict[str, Quantizer] = {}
     if data_quality.has_repeats(fitted):
         experiments, quantizers = detect_quantizers(experiments, fitted)
-        experiments, remarks = add_noise_scales(experiments, fitted, simulator)
-        reasons += remarks
     progress(0.1, "fitting the device without added effects")
-    outcome = _search_model(dataset, experiments, simulator, cache, options, progress)
+
+    def search_model(trials: list[Experiment]) -> Outcome:
+        return _search_model(dataset, trials, simulator, cache, options, progress)
+
+    outcome = search_model(experiments)
     if outcome.selected.verdict != "nothing-missing":
-        outcome, remarks = _compare_with_held_commands(dataset, outcome, simulator, cache, options, progress)
+        outcome, remarks = select_command_course(outcome, search_model, progress)
         reasons += remarks
-    experiments, data, search, base_fit, selected = outcome
+    reasons += outcome.remarks
+    experiments, data, search, base_fit, selected, _ = outcome
     if quantizers and "quantisation" not in options.exclude:
         sentences = [describe_quantization(c, q) for c, q in quantizers.items()]
         verdict = "identified" if selected.verdict == "nothing-missing" else selected.verdict
@@ -189,44 +189,6 @@ def _run_workflow(
     return diagnosis
 
 
-class _Outcome(NamedTuple):
-    """The model that was selected, for one course of the commands between their samples."""
-
-    experiments: list[Experiment]
-    """All trials."""
-    data: WeightedData
-    """The fitted trials."""
-    search: ForwardSelection
-    """The search for effects."""
-    base_fit: Fit
-    """Fit without added effects."""
-    selected: FinalModel
-    """The selected model."""
-
-    @property
-    def terms(self) -> tuple[EffectTerm, ...]:
-        """Added terms."""
-        return self.selected.final_fit.hypothesis.terms
-
-    @property
-    def n_time_shifts(self) -> int:
-        """Number of terms that shift a command or a channel in time."""
-        return sum(term.effect in TIME_SHIFTS for term in self.terms)
-
-    def compute_bic(self, data: WeightedData) -> float:
-        """Return the Bayesian information criterion of the final model, with the noise and samples of ``data``."""
-        fit = self.selected.final_fit
-        chi2 = _compute_chi2(data.with_experiments(self.data.experiments), fit)
-        return chi2 + (len(fit.x) - fit.hypothesis.n_prior_parameters) * float(np.log(data.n_effective))
-
-
-def _compute_chi2(data: WeightedData, fit: Fit) -> float:
-    """Return chi squared of ``data`` at the parameters of ``fit``; infinite where a simulation diverges."""
-    residuals = data.weight_residuals(data.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)[0])
-    priors = data.compute_prior_residuals(fit.hypothesis, fit.x)
-    return float(residuals @ residuals + priors @ priors)
-
-
 def _search_model(
     dataset: Dataset,
     experiments: list[Experiment],
@@ -234,9 +196,13 @@ def _search_model(
     cache: FitCache,
     options: DiagnosisOptions,
     progress: ProgressCallback,
-) -> _Outcome:
+) -> Outcome:
     """Return the model that is selected for ``experiments``."""
     fitted = [e for e in experiments if e.use == "fit" and e.measured]
+    remarks: list[str] = []
+    if data_quality.has_repeats(fitted):
+        experiments, remarks = add_noise_scales(experiments, fitted, simulator)
+        fitted = [e for e in experiments if e.use == "fit" and e.measured]
     base_fit, data = fit_base_device(dataset, fitted, simulator, cache)
     validation = [e for e in experiments if e.use == "validation" and e.measured.keys() & data.noise]
     validation_data = [
@@ -252,48 +218,7 @@ def _search_model(
         dataset.tolerance,
     )
     selected = _select_model(search, experiments, base_fit, options, progress)
-    return _Outcome(experiments, data, search, base_fit, remove_absent_effects(selected))
-
-
-def _compare_with_held_commands(
-    dataset: Dataset,
-    linear: _Outcome,
-    simulator: Simulator,
-    cache: FitCache,
-    options: DiagnosisOptions,
-    progress: ProgressCallback,
-) -> tuple[_Outcome, list[str]]:
-    """Return the outcome with linear or with held commands, whichever explains the data better, and what to say of it.
-
-    A delay of up to a sampling interval of the command may be a course of the command between its samples. ``linear``
-    is the outcome with linear commands. Held ones are tried where they reduce the misfit of its device without effects,
-    and where it names a shift in time: a large effect can hide that they fit better.
-    """
-    if not any(e.held_variant for e in linear.experiments if e.use == "fit" and e.measured):
-        return linear, []
-    experiments = [e.held_variant or e for e in linear.experiments]
-    fitted = [e for e in experiments if e.use == "fit" and e.measured]
-    has_less_misfit = _compute_chi2(linear.data.with_experiments(fitted), linear.base_fit) <= linear.base_fit.chi2
-    if not has_less_misfit and linear.n_time_shifts == 0:
-        return linear, []
-    progress(0.2, "fitting with commands that are held until the next sample")
-    held = _search_model(dataset, experiments, simulator, cache, options, progress)
-    difference = linear.compute_bic(linear.data) - held.compute_bic(linear.data)
-    # What the course of the command explains as well needs no name, a shift in time least of all.
-    if held.n_time_shifts > linear.n_time_shifts or held.selected.verdict == "unexplained" != linear.selected.verdict:
-        return linear, []
-    has_fewer_names = len(held.terms) < len(linear.terms)
-    # An imperfect law leaves more than the course of the command does, so BIC cannot tell which course is right.
-    needs_fewer_names = held.selected.prediction is not None
-    if needs_fewer_names and not has_fewer_names and held.n_time_shifts == linear.n_time_shifts:
-        return linear, []
-    if not difference > (-1.0 if has_fewer_names else 1.0) * linear.search.bic_threshold:
-        return linear, []
-    remark = (
-        "The commands are taken as held until their next sample; straight lines between samples act up to a sampling "
-        f"interval earlier, and with them BIC changes by {difference:+.0f}."
-    )
-    return held, [remark]
+    return Outcome(experiments, data, search, base_fit, remove_absent_effects(selected), remarks)
 
 
 def _select_model(

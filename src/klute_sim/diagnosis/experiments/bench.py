@@ -116,7 +116,7 @@ class BenchExperiment(Experiment):
         """The trial with a command that is held until the next sample; None where it is constant."""
         if self.held_command is None:
             return None
-        return replace(self, command=self.held_command, held_command=None, holds_command=True)
+        return replace(self, command=self.held_command, held_command=None, other_commands=(), holds_command=True)
 
     @property
     def prescribed_input(self) -> PrescribedInput:

@@ -98,7 +98,7 @@ class MechanismExperiment(Experiment):
             return None
         name = next(name for name, values in self.inputs.items() if values is self.command)
         inputs = {**self.inputs, **self.held_commands}
-        return replace(self, inputs=inputs, command=inputs[name], held_commands={}, holds_command=True)
+        return replace(self, inputs=inputs, command=inputs[name], other_inputs=(), held_commands={}, holds_command=True)
 
     @property
     def input_variants(self) -> tuple[tuple[Experiment, ...], ...]:

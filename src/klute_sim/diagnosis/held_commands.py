@@ -1,0 +1,102 @@
+"""Course of the commands between their logged samples: straight lines, or values that a controller holds."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.final_model import FinalModel
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.types import ProgressCallback
+
+TIME_SHIFTS = frozenset({"clock_skew", "pressure_delay"})
+"""Effects that shift a channel or the command in time, as another course of the command between its samples does."""
+
+
+class Outcome(NamedTuple):
+    """The model that was selected, for one course of the commands between their samples."""
+
+    experiments: list[Experiment]
+    """All trials."""
+    data: WeightedData
+    """The fitted trials."""
+    search: ForwardSelection
+    """The search for effects."""
+    base_fit: Fit
+    """Fit without added effects."""
+    selected: FinalModel
+    """The selected model."""
+    remarks: list[str]
+    """What to say of trials that count less."""
+
+    @property
+    def terms(self) -> tuple[EffectTerm, ...]:
+        """Added terms."""
+        return self.selected.final_fit.hypothesis.terms
+
+    @property
+    def n_time_shifts(self) -> int:
+        """Number of terms that shift a command or a channel in time."""
+        return sum(term.effect in TIME_SHIFTS for term in self.terms)
+
+    def compute_bic(self, data: WeightedData) -> float:
+        """Return the Bayesian information criterion of the final model, fitted to ``data``."""
+        final = self.selected.final_fit
+        return fit_hypothesis(data, final.hypothesis, final.x).bic(data.n_effective)
+
+
+def select_command_course(
+    linear: Outcome, search_model: Callable[[list[Experiment]], Outcome], progress: ProgressCallback
+) -> tuple[Outcome, list[str]]:
+    """Return the outcome with linear or with held commands, whichever explains the data better, and what to say of it.
+
+    A delay of up to a sampling interval of the command may be a course of the command between its samples. ``linear``
+    is the outcome with linear commands. Held ones are tried where they reduce the misfit of its device without effects,
+    and where it names a shift in time: a large effect can hide that they fit better. With linear commands, samples that
+    depend on their course count less. With held ones none does, so the two are compared with the weights of these.
+    """
+    if not any(e.held_variant for e in linear.experiments if e.use == "fit" and e.measured):
+        return linear, []
+    experiments = [e.held_variant or e for e in linear.experiments]
+    fitted = [e for e in experiments if e.use == "fit" and e.measured]
+    has_less_misfit = _compute_chi2(linear.data.with_experiments(fitted), linear.base_fit) <= linear.base_fit.chi2
+    if not has_less_misfit and linear.n_time_shifts == 0:
+        return linear, []
+    progress(0.2, "fitting with commands that are held until the next sample")
+    held = search_model(experiments)
+    difference = linear.compute_bic(_copy_weights(linear.data, held.data)) - held.compute_bic(held.data)
+    # What the course of the command explains as well needs no name, a shift in time least of all.
+    if held.n_time_shifts > linear.n_time_shifts or held.selected.verdict == "unexplained" != linear.selected.verdict:
+        return linear, []
+    has_fewer_names = len(held.terms) < len(linear.terms)
+    # An imperfect law leaves more than the course of the command does, so BIC cannot tell which course is right.
+    needs_fewer_names = held.selected.prediction is not None
+    if needs_fewer_names and not has_fewer_names and held.n_time_shifts == linear.n_time_shifts:
+        return linear, []
+    if not difference > (-1.0 if has_fewer_names else 1.0) * linear.search.bic_threshold:
+        return linear, []
+    remark = (
+        "The commands are taken as held until their next sample; straight lines between samples act up to a sampling "
+        f"interval earlier, and with them BIC changes by {difference:+.0f}."
+    )
+    return held, [remark]
+
+
+def _copy_weights(data: WeightedData, weighted: WeightedData) -> WeightedData:
+    """Return the trials of ``data`` with the noise and the weights of the same trials in ``weighted``; not cached."""
+    experiments = [
+        replace(
+            e, noise_scale=w.noise_scale, input_error_scale=w.input_error_scale, input_noise_share=w.input_noise_share
+        )
+        for e, w in zip(data.experiments, weighted.experiments, strict=True)
+    ]
+    return WeightedData(weighted.simulator, experiments, weighted.noise)
+
+
+def _compute_chi2(data: WeightedData, fit: Fit) -> float:
+    """Return chi squared of ``data`` at the parameters of ``fit``; infinite where a simulation diverges."""
+    residuals = data.weight_residuals(data.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)[0])
+    priors = data.compute_prior_residuals(fit.hypothesis, fit.x)
+    return float(residuals @ residuals + priors @ priors)
