@@ -10,11 +10,8 @@ from klute_sim.datasets.channels import (
     MOTION_CHANNELS,
     TIME_COLUMN,
     ChannelSource,
-    MechanismChannels,
     get_column_units,
 )
-from klute_sim.datasets.mechanism import DatasetMechanism
-from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.datasets.trial import Trial, TrialChannels
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import compute_muscle_force
@@ -22,9 +19,7 @@ from klute_sim.device.equilibrium import compute_equilibrium_state, compute_taut
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.errors import InputError, KluteSimError
 from klute_sim.laws.mckibben import lock_length
-from klute_sim.plant.callbacks import compile_model
 from klute_sim.plausibility.bench.check import check_bench_trials
-from klute_sim.plausibility.bench.magnitudes import check_device_channels, check_missing_value_codes
 from klute_sim.plausibility.bench.trial import SI_UNITS, Channel, DeviceLimits, RecordedTrial, Response, Simulate
 from klute_sim.plausibility.device_numbers import check_device_numbers
 from klute_sim.plausibility.finding import Finding, check_accepted_names
@@ -32,8 +27,7 @@ from klute_sim.plausibility.gait.device import check_walk_device
 from klute_sim.plausibility.gait.positions import ScaledSeries
 from klute_sim.plausibility.gait.steps import Series
 from klute_sim.plausibility.gait.trial import GAIT_CHANNELS, GaitChannels, find_trial_findings
-from klute_sim.plausibility.gravity import GRAVITY_NAME, check_gravity
-from klute_sim.plausibility.joint_angle import check_joint_angle
+from klute_sim.plausibility.gravity import GRAVITY_NAME
 from klute_sim.plausibility.samples import Samples
 from klute_sim.types import Array
 
@@ -42,12 +36,10 @@ MAX_CLOCK_ERROR = 0.01
 
 
 def find_implausible(rig: ChannelSource, trials: Sequence[Trial], contents: Sequence[TrialChannels]) -> list[Finding]:
-    """Return what is implausible in ``trials``; ``contents`` holds what was read from the files of each.
+    """Return what is implausible in ``trials`` of a bench or gait; ``contents`` holds what was read from their files.
 
     Of a device that is commanded by valve opening, only the motion and the loads of gait trials are examined.
     """
-    if isinstance(rig, MechanismChannels):
-        return _find_implausible_devices(rig, trials, [content.units for content in contents])
     if rig == "bench":
         return check_bench_trials(
             [
@@ -95,84 +87,15 @@ def check_motion_rate(trial: Trial, source: str) -> None:
             )
 
 
-def check_accepted(names: Iterable[str], findings: Iterable[Finding], rig: ChannelSource, device: Device) -> None:
-    """Raise InputError for one of ``names`` to accept that is none of ``findings`` and cannot be one on ``rig``."""
-    others = (GRAVITY_NAME, *device.spec.collect_values())
-    check_accepted_names(names, findings, (*SI_UNITS, *get_column_units(rig)), others)
+def check_accepted(
+    names: Iterable[str], findings: Iterable[Finding], rig: ChannelSource, numbers: Iterable[str]
+) -> None:
+    """Raise InputError for one of ``names`` to accept that is none of ``findings`` and cannot be one on ``rig``.
 
-
-def check_measured_channels(mechanism: DatasetMechanism, trials: Sequence[Trial], source: str) -> None:
-    """Raise InputError for a channel that the dataset names as measured and that no trial has."""
-    for name in mechanism.channels.measured:
-        if not any(name in trial.measured for trial in trials):
-            raise InputError(
-                f"{source}: no trial has the measured channel '{name}'; add its column to the files, name the column "
-                "in [columns], or remove the channel from 'measured'"
-            )
-
-
-def find_implausible_mechanism(
-    mechanism: DatasetMechanism, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]
-) -> list[Finding]:
-    """Return what is implausible in the gravity of the model, and in the angles of joints that have stops.
-
-    ``units`` holds the units in the headings of each trial.
+    ``numbers`` are the names of the numbers of device and model, which may be implausible, too.
     """
-    findings = []
-    for trial in trials:
-        numbers = {**mechanism.model_values, **trial.model_numbers}
-        gravity = [numbers[f"model.option.gravity_{axis}"] for axis in "xyz"]
-        findings += check_gravity(gravity, f"trial '{trial.name}'")
-    return findings + _find_implausible_angles(mechanism, trials, units)
-
-
-def _find_implausible_angles(
-    mechanism: DatasetMechanism, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]
-) -> list[Finding]:
-    """Return what is implausible in the angles of joints that have stops."""
-    model = compile_model(mechanism.file.make_spec())
-    stops = {
-        f"angle_{normalize_name(model.joint(index).name)}": (float(model.jnt_range[index, 0]), float(high))
-        for index, high in enumerate(model.jnt_range[:, 1])
-        if model.jnt_limited[index]
-    }
-    return [
-        finding
-        for trial, trial_units in zip(trials, units, strict=True)
-        for name, series in {**trial.prescribed, **trial.measured}.items()
-        if name in stops
-        for finding in check_joint_angle(name, series.value, trial_units[name], stops[name], f"trial '{trial.name}'")
-    ]
-
-
-def _find_implausible_devices(
-    channels: MechanismChannels, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]
-) -> list[Finding]:
-    """Return what is implausible in the channels of each device of a mechanism."""
-    findings: list[Finding] = []
-    for trial, trial_units in zip(trials, units, strict=True):
-        samples = collect_samples(trial, trial_units, channels)
-        series = {**trial.prescribed, **trial.measured}
-        time_unit = trial_units[TIME_COLUMN]
-        for tendon, device in trial.devices.items():
-            names = {name: f"{name}_{normalize_name(tendon)}" for name in SI_UNITS if name != "length"}
-            if names["pressure_command"] not in samples:  # a prescribed pressure takes the place of the command
-                names["pressure_command"] = names.pop("pressure")
-            device_channels = {
-                name: Channel(series[own].time, samples[own]) for name, own in names.items() if own in samples
-            }
-            if "pressure_command" not in device_channels:  # the preparation of the trial reports it
-                continue
-            device_trial = RecordedTrial(
-                name=f"{trial.name}, {tendon}",
-                channels=device_channels,
-                limits=compute_device_limits(device),
-                simulate=_build_simulation(device),
-                time_unit=(time_unit, unit_conversion.get_si_factor(time_unit, "s") or 1.0),
-            )
-            codes, trial_without_codes = check_missing_value_codes(device_trial)
-            findings += [*codes, *check_device_channels(trial_without_codes)]
-    return findings
+    others = (GRAVITY_NAME, *numbers)
+    check_accepted_names(names, findings, (*SI_UNITS, *get_column_units(rig)), others)
 
 
 def _describe_gait_trial(trial: Trial, units: Mapping[str, str]) -> GaitChannels:
@@ -218,7 +141,7 @@ def _describe_trial(trial: Trial, content: TrialChannels, rig: ChannelSource) ->
         name=trial.name,
         channels={name: Channel(series[name].time, samples[name]) for name in SI_UNITS if name in samples},
         limits=compute_device_limits(trial.device),
-        simulate=_build_simulation(trial.device),
+        simulate=build_simulation(trial.device),
         time_unit=(time_unit, unit_conversion.get_si_factor(time_unit, "s") or 1.0),
         group=trial.group,
         specimen=trial.specimen,
@@ -241,7 +164,7 @@ def compute_device_limits(device: Device) -> DeviceLimits:
     )
 
 
-def _build_simulation(device: Device) -> Simulate:
+def build_simulation(device: Device) -> Simulate:
     """Return a function that simulates ``device``, and returns None where it has no finite state."""
 
     def simulate(dt: float, length: Array, command: Array) -> Response | None:

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path, PurePath
 from typing import NamedTuple
 
-from klute_sim.datasets import checks, declarations
+from klute_sim.datasets import checks, declarations, mechanism_checks
 from klute_sim.datasets import format as file_format
 from klute_sim.datasets.channels import TENSION_CHANNELS, TIME_COLUMN, ChannelSource, RigName, resolve_channel
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
@@ -150,12 +150,13 @@ def load_dataset(
     unmapped_remarks = _check_unmapped(contents, channel_source)
     findings = [
         *checks.find_implausible_changes(trials, [entry.device for entry in file.trial]),
-        *checks.find_implausible(channel_source, trials, contents),
+        *(
+            checks.find_implausible(channel_source, trials, contents)
+            if mechanism is None
+            else mechanism_checks.find_implausible(mechanism, trials, [channels.units for channels in contents], source)
+        ),
     ]
-    if mechanism is not None:
-        checks.check_measured_channels(mechanism, trials, source)
-        findings += checks.find_implausible_mechanism(mechanism, trials, [channels.units for channels in contents])
-    checks.check_accepted(accept, findings, channel_source, device)
+    checks.check_accepted(accept, findings, channel_source, known_values)
     accepted = require_accepted(findings, {*file.accept, *accept})
     entries = [*zip(trials, file.trial, strict=True)]
     fitted = split_trials(trials, source).fit
@@ -183,6 +184,7 @@ def load_dataset(
             *size_remarks,
             *_collect_remarks(trials, [channels.remarks for channels in contents]),
             *unmapped_remarks,
+            *mechanism_checks.describe_missing_channels(mechanism, trials),
             *_describe_scope(trials, file.rig),
             *describe_accepted(accepted, file.accept, source),
         ),

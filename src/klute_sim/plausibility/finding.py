@@ -6,21 +6,8 @@ from typing import NamedTuple
 from klute_sim.errors import InputError, suggest
 
 KINDS = frozenset(
-    {
-        "absolute",
-        "axis",
-        "delay",
-        "exchanged",
-        "gap",
-        "geometry",
-        "length",
-        "missing",
-        "origin",
-        "reversed",
-        "scale",
-        "sign",
-    }
-    | {"start", "unit", "wrapped", "zero"}
+    {"absolute", "axis", "constant", "delay", "exchanged", "gap", "geometry", "length", "missing", "origin", "reversed"}
+    | {"scale", "sign", "start", "unit", "wrapped", "zero"}
 )
 """Last words of the names of findings in trials; the words before them are channels or :data:`SUBJECTS`."""
 SUBJECTS = frozenset({"forward", "marker", "mass", "plate", "side", "stature", "stride", "time"})

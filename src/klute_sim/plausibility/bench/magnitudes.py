@@ -236,13 +236,13 @@ def _check_force(trial: RecordedTrial) -> list[Finding]:
     return [Finding("force-unit", trial.place, statement)]
 
 
-def check_all_commands(trials: list[RecordedTrial]) -> list[Finding]:
-    """Return a finding if the commands of all ``trials`` are implausibly small."""
-    peaks = [float(trial.get_samples("pressure_command").finite.max()) for trial in trials]
+def check_all_commands(trials: list[RecordedTrial], channel: str = "pressure_command") -> list[Finding]:
+    """Return a finding if the commands of all ``trials``, or those of another ``channel``, are implausibly small."""
+    peaks = [float(trial.get_samples(channel).finite.max()) for trial in trials]
     highest = max(peaks, default=0.0)
     is_small = all(
         peak < MIN_COMMAND_FRACTION * trial.limits.supply_pressure for peak, trial in zip(peaks, trials, strict=True)
     )
     if highest <= 0.0 or not is_small:
         return []
-    return [_describe_pressure(trials[peaks.index(highest)], "pressure_command", highest)]
+    return [_describe_pressure(trials[peaks.index(highest)], channel, highest)]

@@ -1,0 +1,195 @@
+"""Plausibility of the trials of a mechanism: hands channels, devices and numbers of the model to the checks."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import mujoco
+import numpy as np
+
+from klute_sim.datasets import unit_conversion
+from klute_sim.datasets.channels import TIME_COLUMN
+from klute_sim.datasets.checks import build_simulation, collect_samples, compute_device_limits
+from klute_sim.datasets.mechanism import DatasetMechanism
+from klute_sim.datasets.mechanism_channels import QUANTITIES, normalize_name, parse_channel
+from klute_sim.datasets.trial import Trial
+from klute_sim.device.device import Device
+from klute_sim.errors import InputError
+from klute_sim.plant.callbacks import compile_model
+from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
+from klute_sim.plausibility.bench.magnitudes import check_device_channels, check_missing_value_codes
+from klute_sim.plausibility.bench.trial import SI_UNITS, Channel, RecordedTrial
+from klute_sim.plausibility.finding import Finding
+from klute_sim.plausibility.gravity import check_gravity
+from klute_sim.plausibility.joint_angle import check_joint_angle
+from klute_sim.plausibility.mechanism import check_stuck_joint, check_tendon_pressures
+from klute_sim.plausibility.model_numbers import ModelSize, check_model_numbers, check_reach
+from klute_sim.plausibility.samples import Samples
+
+N_POSITIONS = 9
+"""Number of positions between the stops at which the paths of tendons are measured."""
+
+
+def find_implausible(
+    mechanism: DatasetMechanism, trials: Sequence[Trial], units: Sequence[Mapping[str, str]], source: str
+) -> list[Finding]:
+    """Return what is implausible in ``trials``; ``units`` holds the units in the headings of each.
+
+    Raises InputError for a channel that the dataset names as measured and that no trial has.
+    """
+    _check_measured_channels(mechanism, trials, source)
+    stops = _list_stops(compile_model(mechanism.file.make_spec()))
+    findings = _find_implausible_model(mechanism, trials)
+    by_tendon: dict[str, list[RecordedTrial]] = {tendon: [] for tendon in mechanism.devices}
+    for trial, trial_units in zip(trials, units, strict=True):
+        samples = collect_samples(trial, trial_units, mechanism.channels)
+        devices = {}
+        for tendon, channels in _list_device_channels(trial, samples).items():
+            described = _describe(f"{trial.name}, {tendon}", trial.devices[tendon], channels, trial_units)
+            codes, device_trial = check_missing_value_codes(described)
+            findings += [*codes, *check_device_channels(device_trial)]
+            devices[tendon] = device_trial
+            by_tendon[tendon].append(device_trial)
+        first_device, other_channels = next(iter(trial.devices.values())), _list_other_channels(trial, samples)
+        codes, others = check_missing_value_codes(_describe(trial.name, first_device, other_channels, trial_units))
+        findings += codes
+        for name, channel in others.channels.items():
+            if name.startswith(("angle_", "position_")):
+                findings += _check_position(trial, channel.samples, stops.get(name), list(devices.values()))
+    return [*findings, *check_tendon_pressures({tendon: each for tendon, each in by_tendon.items() if each})]
+
+
+def describe_missing_channels(mechanism: DatasetMechanism | None, trials: Sequence[Trial]) -> list[str]:
+    """Return a remark for each channel of a ``mechanism`` that is named as measured and that some ``trials`` lack."""
+    remarks = []
+    for name in () if mechanism is None else mechanism.channels.measured:
+        lacking = [f"'{trial.name}'" for trial in trials if name not in trial.measured]
+        if lacking:
+            noun = "trial" if len(lacking) == 1 else "trials"
+            more = f" and {len(lacking) - 5} more" if len(lacking) > 5 else ""
+            verb = "has" if len(lacking) == 1 else "have"
+            remarks.append(
+                f"{noun} {', '.join(lacking[:5])}{more} {verb} no column for the measured channel '{name}', and "
+                "can show nothing about it"
+            )
+    return remarks
+
+
+def _check_measured_channels(mechanism: DatasetMechanism, trials: Sequence[Trial], source: str) -> None:
+    for name in mechanism.channels.measured:
+        if not any(name in trial.measured for trial in trials):
+            raise InputError(
+                f"{source}: no trial has the measured channel '{name}'; add its column to the files, name the column "
+                "in [columns], or remove the channel from 'measured'"
+            )
+
+
+def _list_stops(model: mujoco.MjModel) -> dict[str, tuple[float, float]]:
+    """Return channel -> stops [rad or m] of each joint with stops."""
+    return {
+        f"{quantity}_{normalize_name(model.joint(index).name)}": (float(low), float(high))
+        for index, (low, high) in enumerate(model.jnt_range)
+        for quantity in ("angle", "position")
+        if model.jnt_limited[index]
+    }
+
+
+def _check_position(
+    trial: Trial, samples: Samples, stops: tuple[float, float] | None, devices: Sequence[RecordedTrial]
+) -> list[Finding]:
+    """Return what is implausible in the position of a joint."""
+    place = f"trial '{trial.name}'"
+    if stops is not None and samples.channel.startswith("angle_"):
+        findings = check_joint_angle(samples.channel, samples.value, samples.unit, stops, place)
+        if findings:
+            return findings
+    if samples.channel not in trial.measured or not devices:
+        return []
+    return check_stuck_joint(samples, devices, stops, place)
+
+
+def _list_device_channels(trial: Trial, samples: Mapping[str, Samples]) -> dict[str, dict[str, Channel]]:
+    """Return tendon -> channels of its device, under their names on a bench."""
+    series = {**trial.prescribed, **trial.measured}
+    found = {}
+    for tendon in trial.devices:
+        names = {name: f"{name}_{normalize_name(tendon)}" for name in SI_UNITS if name != "length"}
+        if names["pressure_command"] not in samples:  # a prescribed pressure takes the place of the command
+            names["pressure_command"] = names.pop("pressure")
+        if names["pressure_command"] in samples:  # the preparation of the trial reports a missing one
+            found[tendon] = {n: Channel(series[own].time, samples[own]) for n, own in names.items() if own in samples}
+    return found
+
+
+def _list_other_channels(trial: Trial, samples: Mapping[str, Samples]) -> dict[str, Channel]:
+    """Return the channels that belong to no device."""
+    series = {**trial.prescribed, **trial.measured}
+    return {
+        name: Channel(series[name].time, own)
+        for name, own in samples.items()
+        if QUANTITIES[parse_channel(name).quantity].object_kind != "device"
+    }
+
+
+def _describe(name: str, device: Device, channels: Mapping[str, Channel], units: Mapping[str, str]) -> RecordedTrial:
+    time_unit = units[TIME_COLUMN]
+    return RecordedTrial(
+        name=name,
+        channels=channels,
+        limits=compute_device_limits(device),
+        simulate=build_simulation(device),
+        time_unit=(time_unit, unit_conversion.get_si_factor(time_unit, "s") or 1.0),
+    )
+
+
+def _find_implausible_model(mechanism: DatasetMechanism, trials: Iterable[Trial]) -> list[Finding]:
+    """Return what is implausible in the numbers of the model, which trials may change."""
+    model = compile_model(mechanism.file.make_spec())
+    size = ModelSize(float(model.stat.extent), float(model.body_mass.sum()))
+    declared = collect_model_numbers(mechanism.file.make_spec())
+    gravity_of_file = [declared[f"model.option.gravity_{axis}"] for axis in "xyz"]
+    findings: list[Finding] = []
+    paths: dict[tuple[tuple[str, float], ...], dict[str, tuple[float, float]]] = {}
+    for trial in trials:
+        place, numbers = f"trial '{trial.name}'", {**declared, **trial.model_numbers}
+        findings += check_gravity([numbers[f"model.option.gravity_{axis}"] for axis in "xyz"], place, gravity_of_file)
+        too_large = check_model_numbers(trial.model_numbers, size, place)
+        findings += too_large
+        if too_large:
+            continue
+        key = tuple(trial.model_numbers.items())
+        if key not in paths:
+            paths[key] = _measure_paths(mechanism, trial.model_numbers)
+        for tendon, path in paths[key].items():
+            parameters = trial.devices[tendon].parameters
+            unit_length = parameters.muscle.resting_length + parameters.tendon.slack_length
+            findings += check_reach(tendon, path, unit_length, place)
+    return findings
+
+
+def _measure_paths(mechanism: DatasetMechanism, numbers: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Return tendon -> its shortest and its longest path [m] while all joints go from one stop to the other.
+
+    Nothing is returned for numbers with which the model cannot be compiled.
+    """
+    spec = mechanism.file.make_spec()
+    set_model_numbers(spec, numbers)
+    try:
+        model = compile_model(spec)
+    except ValueError:  # the preparation of the trial reports numbers that no model can have
+        return {}
+    data = mujoco.MjData(model)
+    lengths = []
+    for fraction in np.linspace(0.0, 1.0, N_POSITIONS):
+        for index, (low, high) in enumerate(model.jnt_range):
+            if model.jnt_limited[index] and model.jnt_type[index] in (
+                mujoco.mjtJoint.mjJNT_HINGE,
+                mujoco.mjtJoint.mjJNT_SLIDE,
+            ):
+                data.qpos[model.jnt_qposadr[index]] = low + fraction * (high - low)
+        mujoco.mj_fwdPosition(model, data)
+        lengths.append(data.ten_length.copy())
+    indices = {model.tendon(index).name: index for index in range(model.ntendon)}
+    columns = np.array(lengths)
+    return {
+        tendon: (float(columns[:, indices[tendon]].min()), float(columns[:, indices[tendon]].max()))
+        for tendon in mechanism.devices
+    }
