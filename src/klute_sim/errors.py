@@ -9,6 +9,9 @@ MAX_WORD_LENGTH = 300
 MAX_MESSAGE_LENGTH = 1500
 """Maximum number of letters of a message."""
 
+MAX_LISTED_NAMES = 12
+"""Maximum number of names that a message lists."""
+
 
 class KluteSimError(Exception):
     """Base of all errors that this package raises on purpose; the message is one sentence for the user.
@@ -46,6 +49,23 @@ def suggest(name: str, candidates: Iterable[str], hint: str) -> str:
     """Return ``hint``, preceded by ``did you mean ...?`` if one of ``candidates`` resembles ``name``."""
     matches = difflib.get_close_matches(name, list(candidates), 1)
     return f"did you mean '{matches[0]}'? {hint[:1].upper()}{hint[1:]}" if matches else hint
+
+
+def suggest_from(name: str, candidates: Iterable[str], pointer: str) -> str:
+    """Return what is allowed instead of ``name``: all ``candidates`` if they are few, or the nearest and ``pointer``.
+
+    ``pointer`` says where all are listed.
+    """
+    allowed = list(candidates)
+    if len(allowed) <= MAX_LISTED_NAMES:
+        return suggest(name, allowed, f"allowed: {', '.join(allowed)}")
+    nearest = [f"'{match}'" for match in difflib.get_close_matches(name, allowed, 3)]
+    # The last part, such as a number of another element, matters most.
+    ending = re.split(r"[./]", name)[-1]
+    nearest = nearest or [f"'{each}'" for each in allowed if ending and each.endswith(ending)][:3]
+    if not nearest:
+        return f"allowed: {len(allowed)} names such as '{allowed[0]}'; {pointer}"
+    return f"did you mean {', '.join(nearest[:-1])}{' or ' if len(nearest) > 1 else ''}{nearest[-1]}? {pointer}"
 
 
 class InputError(KluteSimError):

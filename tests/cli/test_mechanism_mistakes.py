@@ -124,7 +124,7 @@ def test_gravity_that_no_place_has_is_refused_with_data_and_diverges_without(
         (
             "[numbers]\n",
             "[devices.flexor]\n[numbers]\n",
-            "'pressure_command_extensor' belongs to no device; there are: fl",
+            "'pressure_command_extensor' belongs to the tendon 'extensor', which has no device",
         ),
         (
             "[uncertain]\n",

@@ -160,7 +160,7 @@ def load_error(folder: Path) -> str:
             '"damper.boar_mm"',
             "[uncertain] names 'damper.boar_mm', which is not a numeric key of the device",
         ),
-        ('"damper.bore_mm"', '"damper.boar_mm"', "allowed: muscle.count, muscle.resting_length_mm, muscle.braid"),
+        ('"damper.bore_mm"', '"damper.boar_mm"', "did you mean 'damper.bore_mm'"),
         ('"damper.bore_mm" = 0.5', '"muscle.count" = 1', "[uncertain] 'muscle.count' is a count"),
         (
             '"damper.bore_mm" = 0.5',

@@ -168,7 +168,7 @@ def test_changes_and_effects_give_a_new_device_with_sources(tmp_path: Path) -> N
     changed = device.with_changes({"tendon.stiffness_1_n_per_mm": 80}, source="a test")
     assert changed.parameters.tendon.stiffness_1 == 80e3
     assert changed.spec.sources["tendon.stiffness_1_n_per_mm"] == "a test"
-    with pytest.raises(InputError, match=r"'tendon.stiffness' is not a number of device 'klute-1-1-4-pair'; allowed:"):
+    with pytest.raises(InputError, match=r"'tendon.stiffness' is not a number of device 'klute-1-1-4-pair'; did you"):
         device.with_changes({"tendon.stiffness": 80.0})
     with pytest.raises(InputError, match=r"a test: device file .* muscle.count = 0 is refused"):
         device.with_changes({"muscle.count": 0}, source="a test")

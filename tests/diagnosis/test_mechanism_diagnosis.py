@@ -170,18 +170,16 @@ def test_channel_bound_to_nothing_is_one_sentence(tmp_path: Path) -> None:
     folder = joint.write_dataset(tmp_path, **SHORT)
     for path in folder.iterdir():
         path.write_text(path.read_text().replace("angle_joint", "angle_elbow"))
-    dataset = load_dataset(folder)
     with pytest.raises(InputError, match="'angle_elbow' belongs to no hinge joint; there are: joint"):
-        prepare_experiments(dataset, split_dataset(dataset))
+        load_dataset(folder)
 
 
 def test_device_without_pressure_is_one_sentence(tmp_path: Path) -> None:
     folder = joint.write_dataset(tmp_path, **SHORT)
     path = folder / "dataset.toml"
     path.write_text(path.read_text().replace(", 'pressure_command_extensor'", ""))
-    dataset = load_dataset(folder)
     with pytest.raises(InputError, match="device 'extensor' has no pressure; prescribe pressure_command_extensor"):
-        prepare_experiments(dataset, split_dataset(dataset))
+        load_dataset(folder)
 
 
 def test_numbers_of_model_and_devices_are_recovered(tmp_path: Path) -> None:

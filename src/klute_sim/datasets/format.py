@@ -11,7 +11,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from klute_sim.datasets.channels import RigName
 from klute_sim.datasets.mechanism_channels import MAX_CHANNELS
 from klute_sim.datasets.trial import Use
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, suggest_from
 from klute_sim.files.toml import parse_toml, validation_sentence
 
 FORMAT_NAME = "klute-sim-dataset/2"
@@ -196,7 +196,7 @@ _ALLOWED_VALUES: dict[str, str] = {
     "devices": "a table [devices.TENDON] with 'device' (a file or a preset) and 'changes' (\"section.key\" = number)",
     "numbers": 'a table of "model.joint.elbow.damping" = number',
     "trial.numbers": 'a table of "model.geom.load.mass" = number',
-    "trial.initial": "a table of velocity_elbow = '90 deg/s', with positions, velocities or pressures",
+    "trial.initial": "text with a unit, as angle_elbow = '30 deg', velocity_elbow = '90 deg/s', pressure_arm = '2 bar'",
     "device": "a preset, or the path of a device file, as text",
     "diameter": "a table with 'device' and 'trials', each a nominal diameter such as '10 mm'",
     "uncertain": "a table of \"section.key\" = '10 %'",
@@ -284,6 +284,6 @@ def compute_standard_deviations(
 def check_known_key(key: str, values: Mapping[str, float], source: str) -> None:
     """Raise InputError unless ``key`` is one of the device's numeric keys in ``values``."""
     if key not in values:
-        raise InputError(
-            f"{source} names '{key}', which is not a numeric key of the device; allowed: {', '.join(values)}"
-        )
+        owner = "the device or the model" if any(name.startswith("model.") for name in values) else "the device"
+        hint = suggest_from(key, values, "docs/datasets.md says how numbers are named")
+        raise InputError(f"{source} names '{key}', which is not a numeric key of {owner}; {hint}")

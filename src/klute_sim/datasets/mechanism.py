@@ -1,16 +1,25 @@
 """The mechanism of a dataset: the MJCF model, the devices on its tendons, and the numbers that differ from its file."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import mujoco
+
 from klute_sim.datasets.channels import MechanismChannels
 from klute_sim.datasets.format import DatasetFile
-from klute_sim.datasets.mechanism_channels import parse_input_channel, parse_output_channel
+from klute_sim.datasets.mechanism_channels import (
+    QUANTITIES,
+    normalize_name,
+    parse_channel,
+    parse_input_channel,
+    parse_output_channel,
+)
 from klute_sim.device.device import Device, list_presets, load_device
 from klute_sim.errors import InputError, suggest
+from klute_sim.plant.mjcf.model_effects import JOINT_TYPES
 from klute_sim.plant.mjcf.model_file import MODEL_NAMES, ModelFile, load_model_file
-from klute_sim.plant.mjcf.model_numbers import PREFIX, collect_model_numbers
+from klute_sim.plant.mjcf.model_numbers import PREFIX, collect_model_numbers, suggest_number
 
 DEVICE_SEPARATOR = "/"
 """Separator of tendon and ``section.key`` in the name of a number of one device, such as ``flexor/muscle.c10_kpa``."""
@@ -79,6 +88,7 @@ def load_dataset_mechanism(file: DatasetFile, folder: Path, device: Device, sour
         devices[tendon] = _load_tendon_device(file, tendon, folder, device, source)
     if not devices:
         raise InputError(f"{source}: no tendon of {model_file.path} has a name, so none can carry a device")
+    _check_objects(channels, spec, tendons, list(devices), source)
     known = collect_model_numbers(spec)
     return DatasetMechanism(
         file=model_file,
@@ -88,6 +98,47 @@ def load_dataset_mechanism(file: DatasetFile, folder: Path, device: Device, sour
         numbers=check_model_numbers(file.numbers, known, f"{source}: [numbers]"),
         model_values={**known, **file.numbers},
     )
+
+
+def _check_objects(
+    channels: MechanismChannels, spec: mujoco.MjSpec, tendons: Sequence[str], devices: Sequence[str], source: str
+) -> None:
+    """Raise InputError for a channel whose joint, site or device the model lacks, and for a device without pressure."""
+    names: dict[str, Sequence[str]] = {
+        "device": devices,
+        "site": [site.name for site in spec.sites],
+        **{
+            kind: [each.name for each in spec.joints if each.type == kind_type]
+            for kind, kind_type in JOINT_TYPES.items()
+        },
+    }
+    parsed = [parse_channel(name) for name in (*channels.prescribed, *channels.measured)]
+    for channel in parsed:
+        kind = QUANTITIES[channel.quantity].object_kind
+        existing = [normalize_name(name) for name in names.get(kind, ()) if name]
+        if kind not in names or channel.object_name in existing:
+            continue
+        idle = [tendon for tendon in tendons if normalize_name(tendon) == channel.object_name]
+        if kind == "device" and idle:
+            raise InputError(
+                f"{source}: the channel '{channel.name}' belongs to the tendon '{idle[0]}', which has no device, "
+                f"because [devices] names only {', '.join(devices)}; add a table [devices.{idle[0]}], which may be "
+                "empty for the device of the dataset"
+            )
+        listing = f"there are: {', '.join(existing)}" if existing else "the model has none"
+        raise InputError(
+            f"{source}: the channel '{channel.name}' belongs to no {kind}; "
+            f"{suggest(channel.object_name, existing, listing)}"
+        )
+    driven = {
+        c.object_name for c in parsed[: len(channels.prescribed)] if c.quantity in ("pressure", "pressure_command")
+    }
+    for tendon in map(normalize_name, devices):
+        if tendon not in driven:
+            raise InputError(
+                f"{source}: device '{tendon}' has no pressure; prescribe pressure_command_{tendon} or "
+                f"pressure_{tendon} (measured in the muscle)"
+            )
 
 
 def _load_tendon_device(file: DatasetFile, tendon: str, folder: Path, shared: Device, source: str) -> Device:
@@ -104,8 +155,7 @@ def check_model_numbers(numbers: Mapping[str, float], known: Mapping[str, float]
     """Return ``numbers`` of the model; raise InputError, which begins with ``place``, for one that it lacks."""
     for name in numbers:
         if name not in known:
-            listing = f"it has: {', '.join(known)}"
-            raise InputError(f"{place}: '{name}' is not a number of the model; {suggest(name, known, listing)}")
+            raise InputError(f"{place}: '{name}' is not a number of the model; {suggest_number(name, known)}")
     return {name: float(value) for name, value in numbers.items()}
 
 

@@ -22,7 +22,7 @@ from klute_sim.device.schema.foot import RIGID_FOOT, FootSection, parse_foot_nam
 from klute_sim.device.schema.muscle import Muscle
 from klute_sim.device.schema.parts import Cylinder
 from klute_sim.device.schema.supply import Chamber, Leak, Line, Supply, Tank, Valve
-from klute_sim.errors import InputError, suggest
+from klute_sim.errors import InputError, suggest, suggest_from
 from klute_sim.files.limits import DEVICE
 from klute_sim.files.reading import MissingFileError, read_bytes
 from klute_sim.files.toml import format_toml, parse_toml
@@ -141,9 +141,8 @@ class Device:
         content, known = parse_toml(self.content, f"device {self.name}"), self.spec.collect_values()
         for key, value in changes.items():
             if key not in known:
-                raise InputError(
-                    f"{source}: '{key}' is not a number of device '{self.name}'; allowed: {', '.join(known)}"
-                )
+                hint = suggest_from(key, known, "docs/devices.md lists all")
+                raise InputError(f"{source}: '{key}' is not a number of device '{self.name}'; {hint}")
             set_number(content, key, value, source)
         try:
             spec = parse_device_spec(content, self.name)

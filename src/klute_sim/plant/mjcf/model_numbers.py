@@ -6,13 +6,13 @@ body whose mass follows from its geoms is changed through ``model.geom.<name>.ma
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
-from klute_sim.errors import InputError, suggest
+from klute_sim.errors import InputError, suggest_from
 
 PREFIX = "model."
 """Beginning of the name of each number of a model."""
@@ -53,6 +53,11 @@ NUMBERS: dict[str, dict[str, NumberPath]] = {
 }
 """Element -> name of the number -> where it is."""
 
+UNITS = {"mass": "kg", "inertia": "kg*m2", "ipos": "m", "pos": "m", "size": "m", "gravity": "m/s2"}
+"""Number of a body, geom, site or the options, without its component -> unit."""
+TENDON_UNITS = {"damping": "N*s/m", "stiffness": "N/m", "frictionloss": "N"}
+"""Number of a tendon -> unit."""
+
 
 def collect_model_numbers(spec: mujoco.MjSpec) -> dict[str, float]:
     """Return all numbers of ``spec`` that can be changed, by name."""
@@ -75,14 +80,23 @@ def set_model_numbers(spec: mujoco.MjSpec, values: Mapping[str, float]) -> None:
         element, paths = elements.get(title), NUMBERS.get(title.split(".")[0], {})
         if element is None or number not in paths or not math.isfinite(_read(element, paths[number])):
             known = collect_model_numbers(spec)
-            raise InputError(f"'{name}' is not a number of the model; {suggest(name, known, _describe(known))}")
+            raise InputError(f"'{name}' is not a number of the model; {suggest_number(name, known)}")
         if not math.isfinite(value):
             raise InputError(f"'{name}' is {value}; allowed: a finite number")
         _write(element, paths[number], value)
 
 
-def _describe(known: Mapping[str, float]) -> str:
-    return f"allowed: {', '.join(known)}"
+def suggest_number(name: str, known: Iterable[str]) -> str:
+    """Return which of the ``known`` numbers of a model ``name`` may mean, and where all are listed."""
+    return suggest_from(name, known, "'klute-sim bench joint MODEL --numbers' lists all")
+
+
+def get_number_unit(name: str) -> str:
+    """Return the unit of the number called ``name``; '' where it depends on the kind of a joint."""
+    element, number = name.removeprefix(PREFIX).partition(".")[0], name.rpartition(".")[2]
+    if element == "tendon":
+        return TENDON_UNITS[number]
+    return UNITS.get(number.rpartition("_")[0] or number, "")
 
 
 def _list_elements(spec: mujoco.MjSpec) -> dict[str, Any]:

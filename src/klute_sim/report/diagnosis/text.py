@@ -20,7 +20,7 @@ from klute_sim.diagnosis.localization.equation_residuals import (
 from klute_sim.diagnosis.probability import estimate_probabilities
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.effects import catalogue
-from klute_sim.plant.mjcf.model_numbers import PREFIX
+from klute_sim.plant.mjcf.model_numbers import PREFIX, get_number_unit
 
 SIGNIFICANT_DIGITS = 4
 """Number of significant digits of a formatted number."""
@@ -118,6 +118,8 @@ def format_parameter_name(parameter: FitParameter, channel: str | None) -> tuple
 
     Parameters of instruments that are in the unit of their channel have the unit of ``channel``.
     """
+    if is_model_number(parameter.name):
+        return split_key(parameter.name)[0], get_number_unit(parameter.name)
     if channel is None or math.isfinite(parameter.upper):
         return split_key(parameter.name)
     name, unit = split_key(parameter.name)
