@@ -184,7 +184,7 @@ def load_dataset(
             *size_remarks,
             *_collect_remarks(trials, [channels.remarks for channels in contents]),
             *unmapped_remarks,
-            *mechanism_checks.describe_missing_channels(mechanism, trials),
+            *mechanism_checks.describe_trials(mechanism, trials),
             *_describe_scope(trials, file.rig),
             *describe_accepted(accepted, file.accept, source),
         ),

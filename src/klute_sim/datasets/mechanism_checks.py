@@ -10,6 +10,7 @@ from klute_sim.datasets.channels import TIME_COLUMN
 from klute_sim.datasets.checks import build_simulation, collect_samples, compute_device_limits
 from klute_sim.datasets.mechanism import DatasetMechanism
 from klute_sim.datasets.mechanism_channels import QUANTITIES, normalize_name, parse_channel
+from klute_sim.datasets.mechanism_motion import check_motion, describe_starts
 from klute_sim.datasets.trial import Trial
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
@@ -47,30 +48,34 @@ def find_implausible(
             codes, device_trial = check_missing_value_codes(described)
             findings += [*codes, *check_device_channels(device_trial)]
             devices[tendon] = device_trial
-            by_tendon[tendon].append(device_trial)
+            if trial.devices[tendon].parameters.supply.command_is_opening == 0.0:
+                by_tendon[tendon].append(device_trial)
         first_device, other_channels = next(iter(trial.devices.values())), _list_other_channels(trial, samples)
         codes, others = check_missing_value_codes(_describe(trial.name, first_device, other_channels, trial_units))
         findings += codes
         for name, channel in others.channels.items():
             if name.startswith(("angle_", "position_")):
                 findings += _check_position(trial, channel.samples, stops.get(name), list(devices.values()))
-    return [*findings, *check_tendon_pressures({tendon: each for tendon, each in by_tendon.items() if each})]
+    by_tendon = {tendon: each for tendon, each in by_tendon.items() if each}
+    findings += check_tendon_pressures(by_tendon)
+    return findings or check_motion(mechanism, trials, units, by_tendon)
 
 
-def describe_missing_channels(mechanism: DatasetMechanism | None, trials: Sequence[Trial]) -> list[str]:
-    """Return a remark for each channel of a ``mechanism`` that is named as measured and that some ``trials`` lack."""
+def describe_trials(mechanism: DatasetMechanism | None, trials: Sequence[Trial]) -> list[str]:
+    """Return remarks about ``trials`` of a ``mechanism`` that lack a measured channel or begin at another zero."""
+    if mechanism is None:
+        return []
     remarks = []
-    for name in () if mechanism is None else mechanism.channels.measured:
+    for name in mechanism.channels.measured:
         lacking = [f"'{trial.name}'" for trial in trials if name not in trial.measured]
         if lacking:
-            noun = "trial" if len(lacking) == 1 else "trials"
+            noun, verb = ("trial", "has") if len(lacking) == 1 else ("trials", "have")
             more = f" and {len(lacking) - 5} more" if len(lacking) > 5 else ""
-            verb = "has" if len(lacking) == 1 else "have"
             remarks.append(
                 f"{noun} {', '.join(lacking[:5])}{more} {verb} no column for the measured channel '{name}', and "
                 "can show nothing about it"
             )
-    return remarks
+    return [*remarks, *describe_starts(mechanism, trials)]
 
 
 def _check_measured_channels(mechanism: DatasetMechanism, trials: Sequence[Trial], source: str) -> None:

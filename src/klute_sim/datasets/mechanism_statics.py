@@ -1,0 +1,123 @@
+"""Position at which a mechanism with one joint rests under pressures, which a slow motion follows."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from klute_sim.datasets.mechanism import DatasetMechanism
+from klute_sim.device.device import Device
+from klute_sim.device.dynamics import compute_muscle_force
+from klute_sim.device.equilibrium import compute_equilibrium_state
+from klute_sim.errors import KluteSimError
+from klute_sim.plant.callbacks import compile_model
+from klute_sim.plant.mjcf.model_numbers import set_model_numbers
+from klute_sim.types import Array
+
+N_POSITIONS = 33
+"""Number of positions between the stops."""
+N_PRESSURES = 7
+"""Number of pressures from 0 to that of the supply."""
+
+
+class Statics(NamedTuple):
+    """Forces of a mechanism with one joint at rest."""
+
+    positions: Array
+    """Positions between the stops [rad or m]."""
+    load: Array
+    """Moment or force of gravity and springs at each position [N m or N]."""
+    pressures: Mapping[str, Array]
+    """Tendon -> pressures [Pa]."""
+    moments: Mapping[str, Array]
+    """Tendon -> moment or force of its device at each of these pressures and positions [N m or N]."""
+    inertia: float
+    """Inertia of the joint [kg m2 or kg]."""
+
+    def find_rest(self, pressures: Mapping[str, Array]) -> Array:
+        """Return the stable position under each sample of the ``pressures`` (tendon -> Pa), a stop where none is."""
+        total = self._compute_moments(pressures)
+        is_stable = (total[:, :-1] > 0.0) & (total[:, 1:] <= 0.0)
+        first = np.argmax(is_stable, axis=1)
+        rows = np.arange(len(total))
+        above, below = total[rows, first], total[rows, first + 1]
+        step = np.where(above > below, above / np.where(above > below, above - below, 1.0), 0.0)
+        inner = self.positions[first] + step * (self.positions[1] - self.positions[0])
+        at_stop = np.where(total[:, 0] > 0.0, self.positions[-1], self.positions[0])
+        return np.where(is_stable.any(axis=1), inner, at_stop)
+
+    def compute_natural_period(self, pressures: Mapping[str, Array]) -> float:
+        """Return the longest period [s] of a free oscillation about the middle under ``pressures`` (tendon -> Pa)."""
+        slopes = np.gradient(self._compute_moments(pressures), self.positions, axis=1)
+        stiffness = -float(np.median(slopes[slopes < 0.0])) if (slopes < 0.0).any() else 0.0
+        return 2.0 * np.pi * float(np.sqrt(self.inertia / stiffness)) if stiffness > 0.0 else np.inf
+
+    def _compute_moments(self, pressures: Mapping[str, Array]) -> Array:
+        """Return the moments at each sample of the ``pressures`` and each position."""
+        total = np.tile(self.load, (len(next(iter(pressures.values()))), 1))
+        for tendon, values in pressures.items():
+            levels = self.pressures[tendon]
+            position = np.clip((values - levels[0]) / (levels[1] - levels[0]), 0.0, len(levels) - 1.001)
+            low = position.astype(int)
+            share = (position - low)[:, np.newaxis]
+            moments = self.moments[tendon]
+            total += (1.0 - share) * moments[low] + share * moments[low + 1]
+        return total
+
+
+def compute_statics(
+    mechanism: DatasetMechanism, devices: Mapping[str, Device], numbers: Mapping[str, float]
+) -> Statics | None:
+    """Return the forces at rest of a ``mechanism`` with ``devices`` (by tendon) and changed ``numbers``.
+
+    None unless the model has one joint, a hinge or a slide with stops, and the devices have forces at all positions.
+    """
+    spec = mechanism.file.make_spec()
+    set_model_numbers(spec, numbers)
+    try:
+        model = compile_model(spec)
+    except ValueError:  # the preparation of the trial reports numbers that no model can have
+        return None
+    scalar = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+    if model.njnt != 1 or int(model.jnt_type[0]) not in scalar or not model.jnt_limited[0]:
+        return None
+    positions = np.linspace(float(model.jnt_range[0, 0]), float(model.jnt_range[0, 1]), N_POSITIONS)
+    data = mujoco.MjData(model)
+    loads, lengths, inertias = [], [], []
+    for position in positions:
+        data.qpos[0], data.qvel[0] = position, 0.0
+        mujoco.mj_forward(model, data)
+        loads.append(float(data.qfrc_smooth[0]))
+        lengths.append(data.ten_length.copy())
+        inertias.append(1.0 / _solve_inertia(model, data))
+    pressures, moments = {}, {}
+    for tendon, device in devices.items():
+        path = np.array(lengths)[:, model.tendon(tendon).id]
+        levels = np.linspace(0.0, device.parameters.supply.max_pressure, N_PRESSURES)
+        forces = _compute_forces(device, levels, path)
+        if forces is None:
+            return None
+        pressures[tendon], moments[tendon] = levels, -forces * np.gradient(path, positions)
+    return Statics(positions, np.array(loads), pressures, moments, float(np.mean(inertias)))
+
+
+def _solve_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Return the acceleration of the only joint under a unit moment or force."""
+    solution = np.zeros((1, 1))
+    mujoco.mj_solveM(model, data, solution, np.ones((1, 1)))
+    return float(solution[0, 0])
+
+
+def _compute_forces(device: Device, pressures: Array, lengths: Array) -> Array | None:
+    """Return the force [N] at each pressure [Pa] and length [m] of a unit at rest; None where it has none."""
+    parameters = device.parameters
+    forces = np.zeros((len(pressures), len(lengths)))
+    try:
+        for i, pressure in enumerate(pressures):
+            for k, length in enumerate(lengths):
+                state = compute_equilibrium_state(parameters, float(length), float(pressure))
+                forces[i, k] = compute_muscle_force(parameters, state.internal_state, state.pressure, state.length, 0.0)
+    except (KluteSimError, ArithmeticError, ValueError):  # the laws fail at lengths that no device has
+        return None
+    return np.maximum(forces, 0.0) if np.isfinite(forces).all() else None
