@@ -119,7 +119,7 @@ def _describe_starts_of_channel(name: str, trials: Sequence[Trial]) -> list[str]
             if distance > max(MIN_START_DISTANCE * motion, MIN_SCATTER_RATIO * scatter):
                 remarks.append(
                     f"trial '{trial.name}' begins at {name} = {start * scale:.3g} {unit}, but the {len(others)} others "
-                    f"that begin at rest under the same inputs begin at {middle * scale:.3g} {unit} (median): its zero may "
-                    f"differ by {distance * scale:.3g} {unit}"
+                    f"under the same first inputs begin at {middle * scale:.3g} {unit} (median): its zero may differ "
+                    f"by {distance * scale:.3g} {unit}"
                 )
     return remarks

@@ -45,7 +45,8 @@ class Statics(NamedTuple):
         step = np.where(above > below, above / np.where(above > below, above - below, 1.0), 0.0)
         inner = self.positions[first] + step * (self.positions[1] - self.positions[0])
         at_stop = np.where(total[:, 0] > 0.0, self.positions[-1], self.positions[0])
-        return np.where(is_stable.any(axis=1), inner, at_stop)
+        rest: Array = np.where(is_stable.any(axis=1), inner, at_stop)
+        return rest
 
     def compute_natural_period(self, pressures: Mapping[str, Array]) -> float:
         """Return the longest period [s] of a free oscillation about the middle under ``pressures`` (tendon -> Pa)."""

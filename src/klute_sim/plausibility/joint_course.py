@@ -29,9 +29,9 @@ MAX_SCALE = 3.0
 """Largest ratio of the measured to the expected motion, or of the expected to the measured one (assumed)."""
 UNIT_TOLERANCE = 1.5
 """Largest ratio of a scale to that of a wrong unit (assumed)."""
-MAX_ZERO_ERROR = 0.4
+MAX_ZERO_ERROR = 0.5
 """Largest distance of the measured from the expected angle, over the distance between the stops (assumed: a model
-whose lengths are some millimetres off rests elsewhere)."""
+whose lengths are some per cent off rests elsewhere)."""
 EXCHANGE_RATIO = 3.0
 """Smallest ratio of the difference of each pressure from its own command to that from the other command (assumed)."""
 
@@ -132,8 +132,8 @@ def _describe_zero(comparison: _Comparison, offset: float) -> Finding:
     samples = comparison.course.samples
     distance = format_value(-offset, samples.unit, samples.factor)
     statement = (
-        f"{_state(comparison)}, with the same course: its zero differs from that of the model; add about {distance} in "
-        "[columns]"
+        f"{_state(comparison)}, with the same course: its zero differs from that of the model (add about {distance} in "
+        "[columns]), or a length of the model or of a device is wrong"
     )
     return Finding(f"{samples.channel}-zero", comparison.course.place, statement)
 
@@ -149,11 +149,8 @@ def check_exchanged_pressures(
     findings = []
     for first, second in combinations(trials, 2):
         pairs = [*zip(trials[first], trials[second], strict=False)]
-        if (
-            not pairs
-            or len(trials[first]) != len(trials[second])
-            or any("pressure" not in trial.channels for pair in pairs for trial in pair)
-        ):
+        has_all = all("pressure" in trial.channels for pair in pairs for trial in pair)
+        if not pairs or not has_all or len(trials[first]) != len(trials[second]):
             continue
         own, other = (
             [_compute_difference(pairs, index, command) for index, command in ((0, shift), (1, 1 - shift))]
