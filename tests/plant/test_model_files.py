@@ -8,7 +8,7 @@ import pytest
 
 from klute_sim.errors import InputError
 from klute_sim.plant.mjcf.model_file import MODEL_NAMES, load_model_file
-from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
+from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, get_number_unit, set_model_numbers, suggest_number
 
 SLIDER = """<mujoco>{extra}<worldbody><site name="top" pos="0 0 0.4"/>
 <body name="mass"><inertial mass="2" pos="0 0 0" diaginertia="0.1 0.1 0.1"/><joint name="guide" type="slide"/>
@@ -122,3 +122,29 @@ def test_unknown_models_and_numbers_are_named(tmp_path: Path) -> None:
         set_model_numbers(spec, {"model.joint.knee.dampign": 1.0})
     with pytest.raises(InputError, match="finite"):
         set_model_numbers(spec, {"model.joint.knee.damping": float("nan")})
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("model.geom.load.mass", "kg"),
+        ("model.body.arm.inertia_x", "kg*m2"),
+        ("model.site.tip.pos_z", "m"),
+        ("model.geom.pulley.size_1", "m"),
+        ("model.option.gravity_z", "m/s2"),
+        ("model.tendon.cable.stiffness", "N/m"),
+        ("model.joint.elbow.damping", ""),  # of a hinge or a slide
+    ],
+)
+def test_numbers_have_units(name: str, unit: str) -> None:
+    assert get_number_unit(name) == unit
+
+
+def test_unknown_number_is_answered_with_the_nearest() -> None:
+    known = collect_model_numbers(load_model_file("antagonist_joint").make_spec())
+    answer = suggest_number("model.geom.laod.mass", known)
+    assert answer.startswith("did you mean 'model.geom.load.mass', ")
+    assert answer.count("model.") == 3
+    assert suggest_number("weight", known).startswith(f"allowed: {len(known)} names such as ")
+    assert suggest_number("mass of the load", ["a", "b"]) == "allowed: a, b"
+    assert suggest_number("xyz.mass", known).count(".mass'") == 3

@@ -49,6 +49,12 @@ def test_instrument_parameters_have_the_unit_of_their_channel(diagnosis: Diagnos
         assert words.format_parameter_name(parameter, "pressure") == expected
 
 
+def test_mass_of_a_model_has_its_unit(diagnosis: Diagnosis) -> None:
+    assert diagnosis.final_fit is not None
+    parameter = replace(diagnosis.final_fit.hypothesis.parameters[0], name="model.geom.load.mass")
+    assert words.format_parameter_name(parameter, None)[1] == "kg"
+
+
 def test_effect_is_shown_with_equation_and_interval(diagnosis: Diagnosis, html: str) -> None:
     text = text_of(html)
     term, final = diagnosis.added_terms[0], diagnosis.final_fit

@@ -76,8 +76,9 @@ def check_courses(courses: Sequence[Course]) -> list[Finding]:
     scale = float(np.median([each.scale for each in compared]))
     if sign < 0.0:
         return [_describe_sign(each) for each in compared] if 1.0 / MAX_SCALE < scale < MAX_SCALE else []
-    unit = compared[0].course.samples.unit
-    if unit != "rad" and 1.0 / UNIT_TOLERANCE < np.degrees(scale) < UNIT_TOLERANCE:
+    samples = compared[0].course.samples
+    is_in_degrees = samples.channel.startswith("angle_") and samples.unit != "rad"
+    if is_in_degrees and 1.0 / UNIT_TOLERANCE < np.degrees(scale) < UNIT_TOLERANCE:
         return [_describe_radians(each) for each in compared]
     offset = float(np.median([each.offset for each in compared]))
     if 1.0 / MAX_SCALE < scale < MAX_SCALE and abs(offset) > MAX_ZERO_ERROR * courses[0].stop_range:
