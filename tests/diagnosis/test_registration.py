@@ -126,6 +126,7 @@ def fit_walks(cop_noise: float, seed: int, *, is_corrected: bool = True) -> Fit:
         simulator.close()
 
 
+@pytest.mark.slow
 def test_noise_of_the_centre_of_pressure_does_not_lower_the_gain_of_the_plate() -> None:
     """Without the correction, noise in the load dilutes the regression: the gain comes out too small in the mean."""
     gain = list(REGISTRATION_DEVIATIONS).index("registration.plate_gain_pct")
