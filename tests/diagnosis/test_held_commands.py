@@ -65,6 +65,15 @@ def test_constant_command_has_no_other_course() -> None:
     assert prepare_bench_trial(make_trial(INTERVAL_S, np.full(120, 2e5)), "fit").held_variant is None
 
 
+def test_samples_of_held_commands_count_in_full() -> None:
+    """How a held command is interpolated is known, so that no sample is uncertain because of it."""
+    trial = prepare_bench_trial(make_trial(0.05, np.linspace(1e5, 3e5, 120)), "fit")
+    held = trial.held_variant
+    assert held is not None
+    assert trial.input_variants
+    assert len(held.input_variants) == len(trial.input_variants) - 1
+
+
 def test_every_command_of_a_joint_is_held(tmp_path: Path) -> None:
     experiments, _ = prepare(tmp_path / "data", **SHORT)
     linear = experiments[0]
@@ -72,6 +81,7 @@ def test_every_command_of_a_joint_is_held(tmp_path: Path) -> None:
     assert isinstance(linear, MechanismExperiment)
     assert isinstance(held, MechanismExperiment)
     assert held.held_variant is None
+    assert held.input_variants == ()
     commands = [name for name in held.inputs if name.startswith("pressure_command")]
     assert len(commands) == 2
     assert held.command is held.inputs[commands[0]]

@@ -1,7 +1,7 @@
 """What test trials decide: they confirm names, demote a verdict, and reveal a misfit that other trials do not show."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -87,6 +87,9 @@ def test_equivalent_models_deny_a_misfit_of_the_test_trials_unless_one_explains_
     diagnosis = make_diagnosis(distorted, "indistinguishable")
     diagnosis.equivalent_models = [EquivalentModel(base, 1.0)]
     assert denies_misfit(diagnosis, evaluated)
+    diagnosis.prediction = cast(Any, object())  # the law is imperfect: no model reached the noise before
+    assert not denies_misfit(diagnosis, evaluated)
+    diagnosis.prediction = None
     diagnosis.equivalent_models.append(EquivalentModel(gain, 2.0))
     assert not denies_misfit(diagnosis, evaluated)
 

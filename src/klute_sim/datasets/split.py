@@ -58,7 +58,7 @@ def split_trials(trials: Sequence[Trial], source: str) -> Split:
                 trial.name,
                 trial.group,
                 trial.use,
-                frozenset(c for c, value in each.items() if 0.0 < value >= MIN_RANGE_FRACTION * largest[c]),
+                frozenset(c for c, value in each.items() if value > 0.0 and value >= MIN_RANGE_FRACTION * largest[c]),
             )
             for trial, each in zip(trials, ranges, strict=True)
         ),

@@ -8,7 +8,7 @@ import numpy as np
 
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
-from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.misfit import MIN_MISFIT_FRACTION, Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import Residuals
@@ -103,23 +103,24 @@ def _select_unseen(diagnosis: Diagnosis, misfits: Mapping[str, Misfit]) -> dict[
 
 
 def denies_misfit(diagnosis: Diagnosis, evaluated: WeightedData) -> bool:
-    """Return whether the verdict of ``diagnosis`` says that the model reaches the noise.
+    """Return whether the verdict of ``diagnosis`` says that its model reaches the noise, and no other model does so.
 
-    That several models do is denied only if each of them leaves a large misfit in the ``evaluated`` trials.
+    `indistinguishable` stays where one of the equivalent models explains the ``evaluated`` trials, or where no model
+    reached the noise on the other trials either.
     """
-    if diagnosis.verdict == "indistinguishable":
-        return diagnosis.prediction is None and all(
-            _select_unseen(
-                diagnosis,
-                estimate_misfit(
-                    evaluated.experiments,
-                    evaluated.compute_residuals(model.fit.hypothesis, [model.fit.x], may_diverge=True)[0],
-                    evaluated.noise,
-                ),
-            )
-            for model in diagnosis.equivalent_models
-        )
-    return diagnosis.verdict in DEMOTED_VERDICTS
+    if diagnosis.verdict != "indistinguishable":
+        return diagnosis.verdict in DEMOTED_VERDICTS
+    return diagnosis.prediction is None and all(
+        _leaves_misfit(diagnosis, evaluated, model.fit) for model in diagnosis.equivalent_models
+    )
+
+
+def _leaves_misfit(diagnosis: Diagnosis, evaluated: WeightedData, fit: Fit) -> bool:
+    """Return whether ``fit`` leaves a large misfit in the ``evaluated`` trials, or diverges in one of them."""
+    residuals = evaluated.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)[0]
+    if not all(np.isfinite(values).all() for row in residuals for values in row.values()):
+        return True
+    return bool(_select_unseen(diagnosis, estimate_misfit(evaluated.experiments, residuals, evaluated.noise)))
 
 
 def can_numbers_absorb(diagnosis: Diagnosis, data: WeightedData, test_experiments: Sequence[Experiment]) -> bool:
