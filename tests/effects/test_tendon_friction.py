@@ -16,7 +16,7 @@ from klute_sim.effects.families import tendon
 from klute_sim.effects.smoothing import EQUILIBRIUM_TIME_STEP
 from klute_sim.laws import tendon as laws_tendon
 from klute_sim.types import Array
-from tests.effects.test_tendon_laws import ALONE, MUSCLE, STIFFNESS, stretch_tendon
+from tests.effects.test_tendon_laws import ALONE, MUSCLE, STIFFNESS, check_convergence, stretch_tendon
 
 
 class Parameters(NamedTuple):
@@ -275,20 +275,4 @@ def test_friction_of_a_tendon_beside_a_muscle_is_stable_and_converges(
     friction: float, presliding: float, dt: float
 ) -> None:
     device = make_slip(friction, presliding, load_device("klute-3-4-pair").parameters)
-
-    def run(step_s: float) -> Array:
-        time = step_s * np.arange(1, round(1.0 / step_s) + 1)
-        length = 0.338 + 6e-3 * np.sin(4.0 * np.pi * time)
-        command = np.where(time % 0.5 < 0.25, 4e5, 2e5)
-        return simulate_rollouts(device, length, command, step_s).tension[
-            round(5e-3 / step_s) - 1 :: round(5e-3 / step_s)
-        ]
-
-    coarse, fine, finest = run(dt), run(dt / 2.0), run(1e-4)
-    assert np.isfinite(coarse).all()
-    assert coarse.min() >= 0.0
-    error, half_error = (np.sqrt(np.mean((x - finest) ** 2)) for x in (coarse, fine))
-    assert error < 0.05 * np.ptp(finest)
-    assert half_error < 0.75 * error + 1e-3
-    jumps = np.abs(np.diff(coarse, 2)).max()
-    assert jumps < 1.5 * np.abs(np.diff(finest, 2)).max() + 1.0  # it does not oscillate from step to step
+    check_convergence(device, dt)

@@ -36,6 +36,25 @@ def stretch_tendon(device: DeviceParameters, stretch: Array, dt: float) -> Array
     return simulate_rollouts(device, taut + stretch, np.zeros(len(stretch)), dt, initial_state=start).tension
 
 
+def check_convergence(device: DeviceParameters, dt: float) -> None:
+    """Assert that the tension beside a muscle converges with the time step ``dt`` [s], and does not oscillate."""
+
+    def run(step: float) -> Array:
+        time = step * np.arange(1, round(1.0 / step) + 1)
+        length = 0.338 + 6e-3 * np.sin(4.0 * np.pi * time)
+        command = np.where(time % 0.5 < 0.25, 4e5, 2e5)
+        return simulate_rollouts(device, length, command, step).tension[round(5e-3 / step) - 1 :: round(5e-3 / step)]
+
+    coarse, fine, finest = run(dt), run(dt / 2.0), run(1e-4)
+    assert np.isfinite(coarse).all()
+    assert coarse.min() >= 0.0
+    error, half_error = (np.sqrt(np.mean((x - finest) ** 2)) for x in (coarse, fine))
+    assert error < 0.05 * np.ptp(finest)
+    assert half_error < 0.75 * error + 1e-3
+    jumps = np.abs(np.diff(coarse, 2)).max()
+    assert jumps < 1.5 * np.abs(np.diff(finest, 2)).max() + 1.0  # it does not oscillate from step to step
+
+
 def test_stiffening_adds_its_coefficient_times_the_squared_stretch() -> None:
     p = catalogue.find_form("tendon_stiffening", "quadratic")[1].parameter_type(2e6)
     assert tendon.stiffening_force(p, (), 100.0, 0.01) == pytest.approx(100.0 + 200.0)
@@ -113,17 +132,4 @@ def test_viscous_tendon_beside_a_muscle_is_stable_and_converges(damping: float, 
     """The rate in the balance of forces is that of the same step."""
     device = make_viscous(damping, load_device("klute-3-4-pair").parameters)
 
-    def run(step: float) -> Array:
-        time = step * np.arange(1, round(1.0 / step) + 1)
-        length = 0.338 + 6e-3 * np.sin(4.0 * np.pi * time)
-        command = np.where(time % 0.5 < 0.25, 4e5, 2e5)
-        return simulate_rollouts(device, length, command, step).tension[round(5e-3 / step) - 1 :: round(5e-3 / step)]
-
-    coarse, fine, finest = run(dt), run(dt / 2.0), run(1e-4)
-    assert np.isfinite(coarse).all()
-    assert coarse.min() >= 0.0
-    error, half_error = (np.sqrt(np.mean((x - finest) ** 2)) for x in (coarse, fine))
-    assert error < 0.05 * np.ptp(finest)
-    assert half_error < 0.75 * error + 1e-3
-    jumps = np.abs(np.diff(coarse, 2)).max()
-    assert jumps < 1.5 * np.abs(np.diff(finest, 2)).max() + 1.0  # it does not oscillate from step to step
+    check_convergence(device, dt)

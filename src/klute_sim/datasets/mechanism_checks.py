@@ -37,8 +37,9 @@ def find_implausible(
     Raises InputError for a channel that the dataset names as measured and that no trial has.
     """
     _check_measured_channels(mechanism, trials, source)
-    stops = _list_stops(compile_model(mechanism.file.make_spec()))
-    findings = _find_implausible_model(mechanism, trials)
+    model = compile_model(mechanism.file.make_spec())
+    stops = _list_stops(model)
+    findings = _find_implausible_model(mechanism, model, trials)
     by_tendon: dict[str, list[RecordedTrial]] = {tendon: [] for tendon in mechanism.devices}
     for trial, trial_units in zip(trials, units, strict=True):
         samples = collect_samples(trial, trial_units, mechanism.channels)
@@ -145,9 +146,10 @@ def _describe(name: str, device: Device, channels: Mapping[str, Channel], units:
     )
 
 
-def _find_implausible_model(mechanism: DatasetMechanism, trials: Iterable[Trial]) -> list[Finding]:
-    """Return what is implausible in the numbers of the model, which trials may change."""
-    model = compile_model(mechanism.file.make_spec())
+def _find_implausible_model(
+    mechanism: DatasetMechanism, model: mujoco.MjModel, trials: Iterable[Trial]
+) -> list[Finding]:
+    """Return what is implausible in the numbers of the ``model``, which trials may change."""
     size = ModelSize(float(model.stat.extent), float(model.body_mass.sum()))
     declared = collect_model_numbers(mechanism.file.make_spec())
     gravity_of_file = [declared[f"model.option.gravity_{axis}"] for axis in "xyz"]

@@ -20,6 +20,8 @@ MIN_COMMAND_RANGE = 0.1
 """Smallest change of a command, over the supply pressure, that must move a joint and a pressure (assumed)."""
 MIN_SAMPLES = 20
 """Smallest number of samples of a channel that is judged to be constant."""
+MAX_STOP_DISTANCE = 0.1
+"""Largest distance from a stop, over the distance between the stops, at which a joint may rest on it (assumed)."""
 
 
 def check_tendon_pressures(trials: Mapping[str, Sequence[RecordedTrial]]) -> list[Finding]:
@@ -90,7 +92,7 @@ def check_stuck_joint(
     if samples.finite.size < MIN_SAMPLES:
         return []
     value = float(samples.finite[0])
-    if stops is not None and min(abs(value - stop) for stop in stops) < 0.1 * (stops[1] - stops[0]):
+    if stops is not None and min(abs(value - stop) for stop in stops) < MAX_STOP_DISTANCE * (stops[1] - stops[0]):
         return []
     times = commands[0].channels["pressure_command"].time
     courses = [
