@@ -15,9 +15,17 @@ PAGE = (Path(__file__).parents[2] / "docs" / "effect-sizes.md").read_text("utf-8
 OUTDATED = f"docs/effect-sizes.md is outdated: run `{COMMAND}`"
 
 
-@pytest.mark.parametrize(
-    ("row", "shown"), list(zip(ROWS, parse_measured(PAGE), strict=True)), ids=lambda x: getattr(x, "name", "")
+SHOWN_SIZES = pytest.mark.parametrize(
+    ("row", "shown"),
+    [
+        pytest.param(row, shown, id=row.name, marks=pytest.mark.slow if index % 2 else [])
+        for index, (row, shown) in enumerate(zip(ROWS, parse_measured(PAGE), strict=True))
+    ],
 )
+"""Rows of the page and the sizes that it shows; every second one is slow."""
+
+
+@SHOWN_SIZES
 def test_measured_size_is_the_stated_one_and_that_of_the_page(row: EffectSize, shown: float) -> None:
     measured = row.measure()
     assert measured == pytest.approx(row.stated, rel=row.tolerance)

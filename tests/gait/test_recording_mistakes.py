@@ -64,7 +64,9 @@ def imitate(trial: Trial, effects: str) -> Trial:
     return replace(trial, measured={name: TimeSeries(time, series) for name, series in values.items()})
 
 
-@pytest.mark.parametrize("seconds", [-0.02, 0.015, 0.05, 0.3])
+@pytest.mark.parametrize(
+    "seconds", [-0.02, pytest.param(0.015, marks=pytest.mark.slow), pytest.param(0.05, marks=pytest.mark.slow), 0.3]
+)
 @pytest.mark.parametrize("channels", [("force", "ankle_angle"), ("force", "muscle_length")])
 def test_delay_of_the_plate_is_measured(walk: Trial, seconds: float, channels: tuple[str, ...]) -> None:
     (finding,) = find_recording_mistakes([keep(delay(walk, seconds), *channels)])
