@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import brentq, least_squares
 from scipy.stats import norm
 
-from klute_sim.diagnosis.fitting.profile_likelihood import Point, ResidualFunction, find_profile_limits
+from klute_sim.diagnosis.fitting.profile_likelihood import MAX_EVALUATIONS, Point, ResidualFunction, find_profile_limits
 
 QUANTILE = float(norm.ppf(0.975))
 Model = Callable[[np.ndarray], np.ndarray]
@@ -119,6 +119,21 @@ def test_limit_beyond_a_bound_is_at_the_bound_or_farther() -> None:
     value = brentq(lambda v: (v - 0.5) ** 2 + 9.0 * max(0.0, v - 1.0) ** 2 - QUANTILE**2, 0.5, 3.0)
     assert best.x[0] + above == pytest.approx(value, rel=0.03)
     assert above < 0.8 * QUANTILE
+
+
+def test_limit_that_the_search_does_not_reach_is_at_the_bound() -> None:
+    """The valley winds too much to be followed to its limit, 2.6, with few simulations; an end before it is false."""
+
+    def wind(x: np.ndarray) -> np.ndarray:
+        return np.array([0.6 * np.arcsinh(5.0 * x[0]), 100.0 * (x[1] - np.sin(10.0 * x[0]))])
+
+    counts: list[int] = []
+    function = make_function(wind, [-9.0, -9.0], [3.0, 9.0], counts)
+    best = Point(np.zeros(2), np.zeros(2), function.differentiate(np.zeros(2)))
+    counts.clear()
+    ((below, above),) = find_profile_limits(function, best, measure_error, [0])
+    assert (below, above) == (9.0, 3.0)
+    assert sum(counts) < 3 * MAX_EVALUATIONS
 
 
 def test_limit_of_a_saturating_parameter_is_at_the_bound() -> None:
