@@ -13,8 +13,8 @@ STREAM = 5
 def list_refuted_names(truth: Truth, verdict: Verdict) -> tuple[str, ...]:
     """Return the names that the direct measurements of ``verdict`` refute, as ``--exclude`` takes them.
 
-    A measurement has its stated accuracy. It refutes a name whose expected value is further from the measured one than
-    the value without it is. Otherwise it confirms the name, and refutes what only the sets without it contain.
+    A measurement has its stated accuracy. It refutes a name whose interval is further from the measured value than the
+    value without it is. Otherwise it confirms the name, and refutes what only the sets without it contain.
     """
     rng = np.random.default_rng([truth["seed"], STREAM])
     sets = [set(effect_set) for effect_set in list_effect_sets(verdict)]
@@ -22,7 +22,8 @@ def list_refuted_names(truth: Truth, verdict: Verdict) -> tuple[str, ...]:
     for measurement in verdict.get("direct_measurements", ()):
         measured = find_true_value(truth, measurement) + measurement["accuracy"] * rng.standard_normal()
         name = remove_joint(measurement["name"])
-        if abs(measured - measurement["expected"]) > abs(measured - measurement["otherwise"]):
+        outside = max(measurement["low"] - measured, measured - measurement["high"], 0.0)
+        if outside > abs(measured - measurement["otherwise"]):
             refuted.add(name)
         else:
             remaining = set().union(*(names for names in sets if name in names))

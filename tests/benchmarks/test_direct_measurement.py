@@ -11,8 +11,14 @@ VERDICT: dict[str, Any] = {
     "effects": [{"name": "end_taper", "channel": None, "number": None}],
     "alternatives": [[TURNS], ["sensor_gain@force"]],
     "direct_measurements": [
-        {"name": TURNS, "quantity": "muscle.turns_per_m", "expected": 60.0, "otherwise": 57.0, "accuracy": 0.3},
-        {"name": "sensor_gain@force", "quantity": "gain", "expected": 1.06, "otherwise": 1.0, "accuracy": 0.005},
+        {
+            **{"name": TURNS, "quantity": "muscle.turns_per_m", "expected": 60.0, "low": 59.5, "high": 60.5},
+            **{"otherwise": 57.0, "accuracy": 0.3},
+        },
+        {
+            **{"name": "sensor_gain@force", "quantity": "gain", "expected": 1.06, "low": 1.05, "high": 1.07},
+            **{"otherwise": 1.0, "accuracy": 0.005},
+        },
     ],
 }
 

@@ -10,6 +10,7 @@ from klute_sim.diagnosis.planning.direct_measurements import (
     DECISIVE_RATIO,
     EFFECT_METHODS,
     NUMBER_METHODS,
+    DirectMeasurement,
     list_direct_measurements,
 )
 from klute_sim.effects import catalogue
@@ -28,6 +29,17 @@ def make_fit(*values: tuple[EffectTerm, tuple[float, ...]], sensitivity: float =
     return Fit(hypothesis, np.array(x), np.zeros(len(x)), sensitivity * np.eye(len(x)), True, [])
 
 
+def compute_interval(fit: Fit, index: int) -> tuple[float, float]:
+    """Return the value and two standard errors on both sides, where residuals are linear."""
+    parameter, x, error = fit.hypothesis.parameters[index], fit.x[index], 2.0 / fit.jacobian[index, index]
+    ends = parameter.denormalize(x - error), parameter.denormalize(x + error)
+    return min(ends), max(ends)
+
+
+def list_measurements(fits: list[Fit]) -> list[DirectMeasurement]:
+    return list_direct_measurements(fits, compute_interval)
+
+
 def test_numbers_and_instruments_that_only_some_models_blame_are_measured() -> None:
     turns = DEVICE.spec.collect_values()["muscle.turns_per_m"]
     fits = [
@@ -35,7 +47,7 @@ def test_numbers_and_instruments_that_only_some_models_blame_are_measured() -> N
         make_fit((TURNS, (1.05 * turns,))),
         make_fit((GAIN, (1.08,))),
     ]
-    count, weight = list_direct_measurements(fits)
+    count, weight = list_measurements(fits)
     assert count.name == "number_error@muscle.turns_per_m"
     assert (count.expected, count.otherwise) == pytest.approx((1.05 * turns, turns))
     assert weight.name == "sensor_gain@force"
@@ -46,23 +58,27 @@ def test_numbers_and_instruments_that_only_some_models_blame_are_measured() -> N
 
 def test_what_all_models_share_needs_no_measurement() -> None:
     fits = [make_fit((GAIN, (1.08,)), (TAPER, (0.4,))), make_fit((GAIN, (1.07,)), (OIL, (40.0, 50.0)))]
-    (oil,) = list_direct_measurements(fits)
+    (oil,) = list_measurements(fits)
     assert (oil.quantity, oil.expected, oil.unit) == ("temperature_c", pytest.approx(40.0), "°C")
-    assert list_direct_measurements(fits[:1]) == []
+    assert list_measurements(fits[:1]) == []
 
 
 def test_difference_below_the_accuracy_is_not_proposed() -> None:
-    accuracy = list_direct_measurements([make_fit(), make_fit((GAIN, (1.1,)))])[0].accuracy
+    accuracy = list_measurements([make_fit(), make_fit((GAIN, (1.1,)))])[0].accuracy
     for ratio, count in ((0.99 * DECISIVE_RATIO, 0), (1.01 * DECISIVE_RATIO, 1)):
         fit = make_fit((GAIN, (1.0 - ratio * accuracy,)))
-        assert len(list_direct_measurements([make_fit(), fit])) == count
+        assert len(list_measurements([make_fit(), fit])) == count
 
 
 def test_value_that_the_fit_hardly_knows_is_not_proposed() -> None:
-    """A temperature of 3 °C, known to 20 °C beside another parameter, refutes nothing when 17 °C is read."""
-    for sensitivity, count in ((1e4, 1), (0.3, 0)):
+    """A temperature of 40 °C that may be anything above 20 °C refutes nothing when 22 °C is read."""
+    for sensitivity, low, count in ((1e4, 40.0, 1), (2.5, 28.0, 1), (1.5, 20.0, 0)):
         fit = make_fit((OIL, (40.0, 50.0)), sensitivity=sensitivity)
-        assert len(list_direct_measurements([make_fit(), fit])) == count
+        found = list_measurements([make_fit(), fit])
+        assert len(found) == count
+        assert all(m.interval[0] == pytest.approx(low, abs=0.1) for m in found)
+    (oil,) = list_measurements([make_fit(), make_fit((OIL, (40.0, 50.0)), sensitivity=2.5)])
+    assert "28 to 52 °C confirms oil_temperature, 20 °C refutes it" in oil.to_dict()["sentence"]
 
 
 def test_number_of_a_model_has_its_unit() -> None:
@@ -71,7 +87,7 @@ def test_number_of_a_model_has_its_unit() -> None:
     hypothesis = Hypothesis(DEVICE, (), (("force", 3.0),), (term,), mechanism_numbers=((name, 1.0),))
     x = np.array([hypothesis.parameters[0].normalize(1.08)])
     heavier = Fit(hypothesis, x, np.zeros(1), np.full((1, 1), 1e4), True, [])
-    (weight,) = list_direct_measurements([make_fit(), heavier])
+    (weight,) = list_measurements([make_fit(), heavier])
     assert (weight.expected, weight.otherwise, weight.unit) == (pytest.approx(1.08), 1.0, "kg")
     assert "Weigh the part: 1.08 kg confirms" in weight.to_dict()["sentence"]
 

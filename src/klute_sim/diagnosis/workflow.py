@@ -27,6 +27,7 @@ from klute_sim.diagnosis.final_model import (
     select_imperfect_model,
     select_proxies,
 )
+from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
@@ -172,7 +173,10 @@ def _run_workflow(
         bic_threshold=search.bic_threshold,
     )
     if equivalent_models:
-        diagnosis.direct_measurements = list_direct_measurements([final_fit, *(m.fit for m in equivalent_models)])
+        diagnosis.direct_measurements = list_direct_measurements(
+            [final_fit, *(m.fit for m in equivalent_models)],
+            lambda fit, k: compute_confidence_intervals(selected.data, fit, [k])[k],
+        )
         progress(0.85, "searching for an experiment that separates the equivalent models")
         diagnosis.next_experiment = _propose_next_experiment(
             selected.data, dataset, final_fit, equivalent_models[0].fit

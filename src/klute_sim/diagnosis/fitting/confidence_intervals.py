@@ -42,13 +42,16 @@ class VarianceComponents(NamedTuple):
     """Degrees of freedom of each component, (components,)."""
 
 
-def compute_confidence_intervals(data: WeightedData, fit: Fit) -> list[tuple[float, float]]:
+def compute_confidence_intervals(
+    data: WeightedData, fit: Fit, profiled: Sequence[int] | None = None
+) -> list[tuple[float, float]]:
     """Return the 95 % confidence interval of each parameter in its own unit.
 
     Noise makes the interval of a number of the device as long as the Jacobian says (:func:`compute_noise_errors`). That
     of a parameter of an effect reaches at least as far as the profile of chi squared says
     (:mod:`klute_sim.diagnosis.fitting.profile_likelihood`); both agree where residuals are linear. Its ends may have
-    different distances from the fitted value, and an end may be at a bound.
+    different distances from the fitted value, and an end may be at a bound. ``profiled`` are the indices of the
+    parameters whose profile is followed (None: of all effects).
 
     Systematic errors (:mod:`klute_sim.diagnosis.fitting.systematic_error`) are added on both sides as independent
     errors are (JCGM 100:2008, 5.1.2).
@@ -56,7 +59,11 @@ def compute_confidence_intervals(data: WeightedData, fit: Fit) -> list[tuple[flo
     pseudoinverse: Array = np.asarray(np.linalg.pinv(fit.jacobian), float)
     noise_errors = compute_noise_errors(data, fit, pseudoinverse)
     errors = np.stack([noise_errors, noise_errors], axis=1)
-    of_effects = [k for k, parameter in enumerate(fit.hypothesis.parameters) if parameter.term_index is not None]
+    of_effects = [
+        k
+        for k, parameter in enumerate(fit.hypothesis.parameters)
+        if parameter.term_index is not None and (profiled is None or k in profiled)
+    ]
     if of_effects and not fit.has_diverged:
         limits = find_profile_limits(
             _make_residual_function(data, fit),
@@ -133,7 +140,26 @@ def _make_residual_function(data: WeightedData, fit: Fit) -> ResidualFunction:
     def differentiate(x: Array) -> Array:
         return compute_jacobian(data, hypothesis, x, coarse=True)
 
-    return ResidualFunction(evaluate, differentiate, *hypothesis.bounds())
+    return ResidualFunction(evaluate, differentiate, *_limit_to_present_effects(fit))
+
+
+def _limit_to_present_effects(fit: Fit) -> tuple[Array, Array]:
+    """Return the bounds of the normalized parameters of ``fit``, without the value at which an effect is absent.
+
+    Beyond that value the profile would be that of another effect, such as warm oil in place of cold one. Only effects
+    count that have one parameter with such a value; two may compensate each other.
+    """
+    lower, upper = fit.hypothesis.bounds()
+    sizes: dict[int, list[int]] = defaultdict(list)
+    for k, parameter in enumerate(fit.hypothesis.parameters):
+        if parameter.term_index is not None and not parameter.is_logarithmic:
+            sizes[parameter.term_index].append(k)
+    for k in (indices[0] for indices in sizes.values() if len(indices) == 1):
+        if fit.x[k] > 0.0:
+            lower[k] = max(lower[k], 0.0)
+        elif fit.x[k] < 0.0:
+            upper[k] = min(upper[k], 0.0)
+    return lower, upper
 
 
 def combine_degrees_of_freedom(variances: Array, degrees_of_freedom: Array, exact_variance: float = 0.0) -> float:

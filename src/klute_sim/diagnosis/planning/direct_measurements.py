@@ -4,20 +4,16 @@ Where no experiment separates a wrong number from an effect, the number itself c
 expects a value of it, and the others expect the declared one.
 """
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.effects.effect import EffectParameter
 from klute_sim.units import split_unit
 
 DECISIVE_RATIO = 4.0
-"""Smallest difference between the expected values, in standard errors of the comparison, that is worth a measurement
+"""Smallest distance of the value without a name from the values with it, over the accuracy, that is worth a measurement
 (assumed)."""
 
 
@@ -108,12 +104,12 @@ class DirectMeasurement(NamedTuple):
     """How to measure it."""
     expected: float
     """Value with this name in the model, in ``unit``."""
+    interval: tuple[float, float]
+    """Its 95 % confidence interval, in ``unit``."""
     otherwise: float
     """Value without it, in ``unit``."""
     unit: str
     """Unit; '' for a ratio."""
-    standard_error: float
-    """Standard error of the expected value in the fit, in the unit."""
 
     @property
     def accuracy(self) -> float:
@@ -122,20 +118,25 @@ class DirectMeasurement(NamedTuple):
 
     @property
     def is_decisive(self) -> bool:
-        """Whether the measurement tells both values apart, although the fit does not know the expected one exactly."""
-        return abs(self.expected - self.otherwise) >= DECISIVE_RATIO * math.hypot(self.accuracy, self.standard_error)
+        """Whether the measurement tells all values of the interval from the value without the name."""
+        low, high = self.interval
+        return max(low - self.otherwise, self.otherwise - high) >= DECISIVE_RATIO * self.accuracy
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``verdict.json``."""
         unit = f" {self.unit}" if self.unit else ""
+        low, high = self.interval
+        confirming = " to ".join(dict.fromkeys([f"{low:.4g}", f"{high:.4g}"]))
         sentence = (
-            f"{self.method.instruction}: {self.expected:.4g}{unit} confirms {self.name}, {self.otherwise:.4g}{unit} "
-            f"refutes it (an accuracy of {self.accuracy:.2g}{unit} is assumed)."
+            f"{self.method.instruction}: {confirming}{unit} confirms {self.name}, {self.otherwise:.4g}{unit} refutes "
+            f"it (an accuracy of {self.accuracy:.2g}{unit} is assumed)."
         )
         return {
             "name": self.name,
             "quantity": self.quantity,
             "expected": self.expected,
+            "low": low,
+            "high": high,
             "otherwise": self.otherwise,
             "accuracy": self.accuracy,
             "unit": self.unit,
@@ -143,52 +144,50 @@ class DirectMeasurement(NamedTuple):
         }
 
 
-def list_direct_measurements(fits: Sequence[Fit]) -> list[DirectMeasurement]:
-    """Return the decisive direct measurements of what some of the equivalent ``fits`` contain and others do not."""
+def list_direct_measurements(
+    fits: Sequence[Fit], compute_interval: Callable[[Fit, int], tuple[float, float]]
+) -> list[DirectMeasurement]:
+    """Return the decisive direct measurements of what some of the equivalent ``fits`` contain and others do not.
+
+    ``compute_interval`` returns the 95 % interval of the parameter of a fit at an index, in its unit.
+    """
     sets = [{term.identity for term in fit.hypothesis.terms} for fit in fits]
     shared = set.intersection(*sets) if sets else set()
     found: dict[str, DirectMeasurement] = {}
     for fit in fits:
         for index, term in enumerate(fit.hypothesis.terms):
             if term.identity not in shared:
-                for measurement in _iterate_measurements(fit, index, term):
+                for measurement in _iterate_measurements(fit, index, term, compute_interval):
                     if measurement.is_decisive:
                         found.setdefault(measurement.name, measurement)
     return list(found.values())
 
 
-def _iterate_measurements(fit: Fit, index: int, term: EffectTerm) -> Iterator[DirectMeasurement]:
-    covariance = np.linalg.pinv(fit.jacobian.T @ fit.jacobian)
-    standard_errors = np.sqrt(np.maximum(0.0, np.diag(covariance)))
-    values = {
-        parameter.name: (parameter.initial, value, abs(parameter.denormalize(x + error) - value))
-        for parameter, value, x, error in zip(
-            fit.hypothesis.parameters, fit.values, fit.x.tolist(), standard_errors.tolist(), strict=True
-        )
-        if parameter.term_index == index
-    }
+def _iterate_measurements(
+    fit: Fit, index: int, term: EffectTerm, compute_interval: Callable[[Fit, int], tuple[float, float]]
+) -> Iterator[DirectMeasurement]:
+    values = fit.values
+    for k, parameter in enumerate(fit.hypothesis.parameters):
+        method, unit = _find_method(term, parameter.name) if parameter.term_index == index else (None, "")
+        if method is None or parameter.is_logarithmic:
+            continue
+        name, key, otherwise = term.qualified_name, parameter.name, parameter.initial
+        point = DirectMeasurement(name, key, method, values[k], (values[k], values[k]), otherwise, unit)
+        # Where even the fitted value does not decide, no interval is worth its simulations.
+        yield point._replace(interval=compute_interval(fit, k)) if point.is_decisive else point
+
+
+def _find_method(term: EffectTerm, key: str) -> tuple[MeasurementMethod | None, str]:
+    """Return how to measure the parameter ``key`` of ``term``, None if it cannot be, and its unit."""
     if term.number is not None:
         if is_model_number(term.number):
-            method, unit = MODEL_NUMBER_METHODS.get(term.number.rpartition(".")[2], (None, ""))
-        else:
-            method, unit = NUMBER_METHODS.get(term.number), split_unit(term.number)[1]
-        if method is not None:
-            declared, expected, error = values[term.number]
-            yield DirectMeasurement(term.qualified_name, term.number, method, expected, declared, unit, error)
-        return
-    for parameter in term.parameters:
-        method = _find_method(term, parameter)
-        if method is not None and parameter.neutral is not None:
-            name, key, unit = term.qualified_name, parameter.key, split_unit(parameter.key)[1]
-            _, expected, error = values[key]
-            yield DirectMeasurement(name, key, method, expected, parameter.neutral, unit, error)
-
-
-def _find_method(term: EffectTerm, parameter: EffectParameter) -> MeasurementMethod | None:
+            return MODEL_NUMBER_METHODS.get(term.number.rpartition(".")[2], (None, ""))
+        return NUMBER_METHODS.get(term.number), split_unit(term.number)[1]
+    unit = split_unit(key)[1]
     if term.channel is None:
-        return EFFECT_METHODS.get((term.effect, parameter.key))
+        return EFFECT_METHODS.get((term.effect, key)), unit
     quantity = next((q for q in CHANNEL_STANDARDS if term.channel == q or term.channel.startswith(f"{q}_")), None)
     if term.effect != "sensor_gain" or quantity is None:
-        return None
+        return None, unit
     instruction = f"Compare the reading of '{term.channel}' with {CHANNEL_STANDARDS[quantity]}"
-    return MeasurementMethod(instruction, GAIN_ACCURACY)
+    return MeasurementMethod(instruction, GAIN_ACCURACY), unit
