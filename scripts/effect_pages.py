@@ -267,12 +267,16 @@ load cell and gauge, is the signature of the effect. Two effects are indistingui
 of {INDISTINGUISHABLE_COSINE:g} or more, whatever their sizes. A class is a connected group of
 indistinguishable effects. These protocols do not separate its effects well; another instrument may.
 
-- *Typical size over noise* is the root of chi squared of the typical size after projection.
-- *Left after refitting* is the fraction of the change that projection leaves: small where the numbers of the device
-  reproduce the effect.
+- *Effects* is the number of different effects in the class, which may contain several forms of one effect.
 - *Separated by* is the change of the rig that separates a class best, if all its cosines fall below
   {INDISTINGUISHABLE_COSINE:g}. *Remaining cosine* is its largest cosine with that change, or with the best one where
   none is sufficient.
+
+The pages of the effects have two more columns:
+
+- *Typical size over noise* is the root of chi squared of the typical size after projection.
+- *Left after refitting* is the fraction of the change that projection leaves: small where the numbers of the device
+  reproduce the effect.
 
 {_render_table(("class", "effects", "largest cosine", "separated by", "remaining cosine"), groups)}
 All other effects are distinguishable (their largest cosine is below {INDISTINGUISHABLE_COSINE:g}).

@@ -166,7 +166,7 @@ def test_probabilities_name_their_source(diagnosis: Diagnosis) -> None:
     sentence = words.describe_probabilities(diagnosis)
     assert sentence.startswith("Probabilities, calibrated on ")
     assert "simulated datasets of the benchmark: " in sentence
-    assert ("all that is missing smaller" if diagnosis.added_terms else "no missing effect as large") in sentence
+    assert "no missing effect as large as the noise" in sentence
     assert words.describe_probabilities(replace(diagnosis, verdict="insufficient-data")) == ""
 
 

@@ -265,8 +265,7 @@ def describe_probabilities(diagnosis: Diagnosis) -> str:
         return ""
     clauses = [f"{format_term(term)} {100.0 * p:.0f} %" for term, p in probabilities.names.items()]
     # An effect that is found may be smaller than the noise, so that both probabilities are large.
-    statement = "all that is missing smaller than the noise" if clauses else "no missing effect as large as the noise"
-    clauses.append(f"{statement} {100.0 * probabilities.nothing_missing:.0f} %")
+    clauses.append(f"no missing effect as large as the noise {100.0 * probabilities.nothing_missing:.0f} %")
     source = f"calibrated on {probabilities.n_datasets} simulated datasets of the benchmark"
     return f"Probabilities, {source}: {join_words(clauses)}."
 
