@@ -16,9 +16,10 @@ from klute_sim.diagnosis.experiments.registration import (
 )
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.gait.replay.rollout import ReplayInputs
 from tests.diagnosis.synthetic_walk import DEVICE, make_walks
 
@@ -105,34 +106,45 @@ def test_delay_of_the_plate_is_removed(delay: float) -> None:
         assert getattr(corrected, name)[inside] == pytest.approx(expected, abs=0.02), name
 
 
-def fit_walks(cop_noise: float, seed: int, *, is_corrected: bool = True) -> Fit:
-    """Return the fit of the registration to walks with slow noise of the centre of pressure [m], and no error."""
+def prepare_walks(
+    simulator: Simulator, cop_noise: float, seed: int, *, is_corrected: bool = True
+) -> tuple[WeightedData, Hypothesis]:
+    """Return walks with slow noise of the centre of pressure [m] and no error, and the registration to fit."""
     rng, walks = np.random.default_rng(seed), make_walks(amplitudes=(1.0, 0.8, 0.6), seed=seed)
     for index, walk in enumerate(walks):
         noise = gaussian_filter1d(rng.normal(size=len(walk.command)), 20.0)
         shift = cop_noise * noise / noise.std() * walk.load.vertical
         walks[index] = replace(walk, inputs=walk.inputs._replace(ground_moment=walk.inputs.ground_moment - shift))
-    simulator = Simulator(1)
-    try:
-        experiments, _ = add_noise_scales(walks, walks, simulator)
-        if not is_corrected:
-            experiments = [replace(e, input_noise_share={}) for e in experiments]
-        names = tuple(REGISTRATION_DEVIATIONS.items())
-        hypothesis = Hypothesis(DEVICE, (), (), registration=names)
-        (residuals,) = WeightedData(simulator, experiments, {}).compute_residuals(hypothesis, [np.zeros(len(names))])
-        noise_of_channels = estimate_noise_from_repeats(experiments, residuals)
-        return fit_hypothesis(WeightedData(simulator, experiments, noise_of_channels), hypothesis)
-    finally:
-        simulator.close()
+    experiments, _ = add_noise_scales(walks, walks, simulator)
+    if not is_corrected:
+        experiments = [replace(e, input_noise_share={}) for e in experiments]
+    names = tuple(REGISTRATION_DEVIATIONS.items())
+    hypothesis = Hypothesis(DEVICE, (), (), registration=names)
+    (residuals,) = WeightedData(simulator, experiments, {}).compute_residuals(hypothesis, [np.zeros(len(names))])
+    noise_of_channels = estimate_noise_from_repeats(experiments, residuals)
+    return WeightedData(simulator, experiments, noise_of_channels), hypothesis
+
+
+def test_start_of_a_candidate_is_judged_by_the_prior_of_the_fit() -> None:
+    """With noisy inputs, the prior of the gain has another mean than 0; a start that changes nothing gains nothing."""
+    data, hypothesis = prepare_walks(Simulator(1), 2e-3, 0)
+    assert data.n_noisy_inputs > 100.0
+    fit = fit_hypothesis(data, hypothesis)
+    start, chi2 = ForwardSelection(data, [], []).find_best_start(fit, hypothesis, [fit.x])
+    assert start == pytest.approx(fit.x)
+    assert chi2 == pytest.approx(fit.chi2, rel=1e-6)
 
 
 @pytest.mark.slow
 def test_noise_of_the_centre_of_pressure_does_not_lower_the_gain_of_the_plate() -> None:
     """Without the correction, noise in the load dilutes the regression: the gain comes out too small in the mean."""
-    gain = list(REGISTRATION_DEVIATIONS).index("registration.plate_gain_pct")
+
+    def fit_gain(seed: int, *, is_corrected: bool) -> float:
+        fit = fit_hypothesis(*prepare_walks(Simulator(1), 3e-3, seed, is_corrected=is_corrected))
+        return fit.values[list(REGISTRATION_DEVIATIONS).index("registration.plate_gain_pct")]
+
     diluted, corrected = (
-        np.mean([fit_walks(3e-3, seed, is_corrected=is_corrected).values[gain] for seed in range(4)])
-        for is_corrected in (False, True)
+        np.mean([fit_gain(seed, is_corrected=is_corrected) for seed in range(4)]) for is_corrected in (False, True)
     )
     assert diluted < -0.3
     assert abs(corrected) < 0.35 * abs(diluted)

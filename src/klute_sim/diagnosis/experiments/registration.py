@@ -21,7 +21,10 @@ REGISTRATION_PREFIX = "registration."
 
 
 class Registration(NamedTuple):
-    """Corrections of the registration in SI units, each added to what was measured; 0 where the set-up is right."""
+    """Corrections of the registration in SI units; 0 where the set-up is right.
+
+    Each is added to what was measured; the delay is subtracted from the times of the plate.
+    """
 
     cop_to_ankle: float = 0.0
     """Forward distance from ankle axis to centre of pressure [m]."""

@@ -210,7 +210,8 @@ class Hypothesis:
     def n_prior_parameters(self) -> int:
         """Number of declared uncertain numbers and registration errors.
 
-        They come first and have normal priors of mean 0 and standard deviation 1.
+        They come first and have normal priors of standard deviation 1, whose mean is 0 except for a gain of noisy
+        inputs (:meth:`~klute_sim.diagnosis.fitting.least_squares.WeightedData.compute_prior_residuals`).
         """
         return len(self.uncertainties) + len(self.registration)
 

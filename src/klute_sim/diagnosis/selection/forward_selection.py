@@ -243,30 +243,31 @@ class ForwardSelection:
         prediction = candidate.size * direction
         prediction[:n_known] = candidate.nuisance_shift
         starts = [neutral + fraction * prediction for fraction in START_FRACTIONS]
-        start, chi2 = self._best_start(current, hypothesis, starts)
+        start, chi2 = self.find_best_start(current, hypothesis, starts)
         has_plateau = candidate.term.effect_definition.acts_in_supply
         if not has_plateau and current.chi2 - chi2 > MIN_START_GAIN_FRACTION * candidate.predicted_gain:
             return start
         neutral[:n_known] = current.x
         direction *= np.sign(candidate.size)
         sizes = [neutral + size * direction for size in START_SIZES]
-        other_start, other_chi2 = self._best_start(current, hypothesis, sizes)
+        other_start, other_chi2 = self.find_best_start(current, hypothesis, sizes)
         return other_start if other_chi2 < chi2 else start
 
-    def _best_start(self, current: Fit, hypothesis: Hypothesis, starts: Sequence[Array]) -> tuple[Array, float]:
+    def find_best_start(self, current: Fit, hypothesis: Hypothesis, starts: Sequence[Array]) -> tuple[Array, float]:
         """Return the best of ``starts``, clipped to the bounds, and its chi squared.
 
         Coarse simulations predict how the residuals of ``current`` change.
         """
         clipped = [np.clip(start, *hypothesis.bounds()) for start in starts]
-        n_device, experiments = hypothesis.n_prior_parameters, self.data.experiments
+        experiments = self.data.experiments
         before = current.hypothesis.build_setups(current.x, experiments)
         after = [hypothesis.build_setups(x, experiments) for x in clipped]
         residual = self.data.weight_residuals(current.residuals)
         costs = []
         for x, changes in zip(clipped, self.data.compute_changes(before, after, coarse=True), strict=True):
             vector = residual + self.data.weight_residuals(changes)
-            costs.append(float(vector @ vector + x[:n_device] @ x[:n_device]))
+            priors = self.data.compute_prior_residuals(hypothesis, x)
+            costs.append(float(vector @ vector + priors @ priors))
         best = int(np.argmin(costs))
         return clipped[best], costs[best]
 
