@@ -134,6 +134,10 @@ def test_limit_that_the_search_does_not_reach_is_at_the_bound() -> None:
     ((below, above),) = find_profile_limits(function, best, measure_error, [0])
     assert (below, above) == (9.0, 3.0)
     assert sum(counts) < 3 * MAX_EVALUATIONS
+    unbounded = function._replace(lower=np.array([-np.inf, -9.0]))
+    ((below, above),) = find_profile_limits(unbounded, best, measure_error, [0])
+    assert np.isfinite(below)
+    assert above == 3.0
 
 
 def test_limit_of_a_saturating_parameter_is_at_the_bound() -> None:

@@ -73,7 +73,7 @@ def find_profile_limits(
     square of the error of the noise in this direction. So where residuals are linear, the limits are at the half width,
     whatever noise this accounts for. One refit by a linear step on each side shows whether they are; only otherwise is
     the profile followed. A limit beyond a bound is at the bound, and so is one that :data:`MAX_EVALUATIONS` do not
-    reach along a curved valley.
+    reach along a curved valley; without a bound, it is where they end.
     """
     pseudoinverse = np.linalg.pinv(best.jacobian)
     half_widths = [measure_error(pseudoinverse[index]) for index in indices]
@@ -153,7 +153,8 @@ class _ProfileSide:
                 else:
                     inner, inner_distance, inner_height, max_step = point, distance, height, 2.0 * max_step
             if self._n_evaluations >= MAX_EVALUATIONS:
-                return outer[0] if outer else max(half_width, self._bound)
+                unreached = self._bound if np.isfinite(self._bound) else inner_distance
+                return outer[0] if outer else max(half_width, unreached)
             if outer is not None:
                 gap, rise = outer[0] - inner_distance, outer[1] - inner_height
                 if gap < LINEARITY_TOLERANCE * outer[0]:
