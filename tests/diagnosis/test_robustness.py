@@ -16,12 +16,16 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals, select_significant_equations
 from klute_sim.diagnosis.localization.misfit_regions import locate_misfit
+from klute_sim.diagnosis.planning import proposals
 from klute_sim.diagnosis.planning.proposals import RIG_CHANGES, list_rig_changes, propose_experiment
 from klute_sim.diagnosis.result import DiagnosisOptions
 from klute_sim.diagnosis.workflow import diagnose, fit_base_device
+from klute_sim.errors import SimulationError
 from tests.diagnosis.synthetic_dataset import write_dataset
 
 pytestmark = pytest.mark.slow
+TENDON = b"[tendon]\nslack_length_mm = 90\nstiffness_1_n_per_mm = 60\nstiffness_2_n_per_mm = 0\nengagement_mm = 0\n"
+CYLINDER = b"[cylinder]\nextended_length_mm = 200\nstroke_mm = 60\n"
 
 
 @pytest.fixture(autouse=True)
@@ -80,12 +84,25 @@ def test_rig_change_is_proposed_where_no_command_separates_models(
     assert "No known protocol or change of the rig separates these" in same.to_dict()["sentence"]
 
 
+def test_nothing_is_proposed_where_no_protocol_can_be_simulated(
+    base_data: tuple[datasets.Dataset, WeightedData], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset, data = base_data
+    base, data = fit_base_device(dataset, data.experiments, data.simulator)
+
+    def diverge(*_: object, **__: object) -> None:
+        raise SimulationError("the simulation diverges")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(proposals, "simulate_channels", diverge)
+        assert propose_experiment(data, dataset.device, base, base) is None
+    assert propose_experiment(data, parse_device(b'name = "part"\n' + CYLINDER + TENDON, "part"), base, base) is None
+
+
 def test_changes_of_the_rig_are_those_of_the_parts() -> None:
-    tendon = b"[tendon]\nslack_length_mm = 90\nstiffness_1_n_per_mm = 60\nstiffness_2_n_per_mm = 0\nengagement_mm = 0\n"
-    cylinder = b"[cylinder]\nextended_length_mm = 200\nstroke_mm = 60\n"
     told = {
         name: [change.description for change in list_rig_changes(parse_device(b'name = "part"\n' + content, "part"))]
-        for name, content in {"tendon": tendon, "both": cylinder + tendon}.items()
+        for name, content in {"tendon": TENDON, "both": CYLINDER + TENDON}.items()
     }
     weight = "with the load cell checked by a dead weight before and after"
     assert told["tendon"] == ["with the rig as it is", weight]

@@ -46,7 +46,7 @@ person, which the parts of a prosthesis carry)."""
 LOADING_SPEED = 0.05
 """Speed [m/s] at which a tendon alone is stretched from its slack length to the beginning of an excitation."""
 MIN_STROKE = 0.001
-"""Minimum stroke of all excitations [m]; a shorter stroke reveals nothing."""
+"""Minimum stroke of a muscle or a cylinder [m]; a shorter stroke reveals nothing."""
 
 PressureSteps = tuple[tuple[float, float], ...]
 """Steps of the pressure command: start time [s] and gauge pressure [Pa] of each."""

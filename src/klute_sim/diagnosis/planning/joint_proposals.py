@@ -22,7 +22,7 @@ from klute_sim.diagnosis.planning.proposals import (
     simulate_channels,
     weight_predictions,
 )
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, SimulationError
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.mechanism.protocols import JointTrial, ProtocolSettings, plan_test
 from klute_sim.mechanism.run import find_joint, make_inputs
@@ -42,7 +42,7 @@ def propose_joint_experiment(
     """Return the trial and change of the rig that separate ``best_fit`` from ``alternative`` best.
 
     Returns None for a mechanism that the tests are not made for: they need one joint, one device or two antagonists,
-    and nothing prescribed but pressure commands.
+    and nothing prescribed but pressure commands. Returns None, too, where no trial can be simulated.
     """
     declared = dataset.mechanism
     if declared is None:
@@ -62,7 +62,7 @@ def propose_joint_experiment(
         if trial.name in PROPOSED_TRIALS
         for proposal in _evaluate_trial(data, dataset, declared, trial, joint, unit, best_fit, alternative)
     ]
-    return choose_proposal(proposals)._replace(settings=settings)
+    return choose_proposal(proposals)._replace(settings=settings) if proposals else None
 
 
 def _read_settings(data: WeightedData) -> ProtocolSettings:
@@ -132,8 +132,11 @@ def _evaluate_trial(
     points = [best_fit.x, *(best_fit.x + FINITE_DIFFERENCE_STEP * axis for axis in np.eye(len(best_fit.x)))]
     setups = [best_fit.hypothesis.build_setups(x, [experiment]) for x in points]
     setups.append(alternative.hypothesis.build_setups(alternative.x, [experiment]))
-    observed = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=True)
-    true_values = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=False)
+    try:
+        observed = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=True)
+        true_values = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=False)
+    except SimulationError:
+        return []
     proposals = []
     for change in changes:
         added_noise = {name: ADDED_NOISE[parse_channel(name).quantity] for name in change.added_channels}

@@ -18,8 +18,9 @@ from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.least_squares import FINITE_DIFFERENCE_STEP, Fit, WeightedData
+from klute_sim.diagnosis.planning.measurement_plan import check_has_plan
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, SimulationError
 from klute_sim.mechanism.protocols import JointTrial, ProtocolSettings
 from klute_sim.types import Array
 from klute_sim.units import BAR
@@ -124,21 +125,24 @@ class ExperimentProposal(NamedTuple):
         return {"mean_bar": round(mean, 4), "difference_bar": round(difference, 4)}
 
 
-def propose_experiment(data: WeightedData, device: Device, best_fit: Fit, alternative: Fit) -> ExperimentProposal:
+def propose_experiment(
+    data: WeightedData, device: Device, best_fit: Fit, alternative: Fit
+) -> ExperimentProposal | None:
     """Return the protocol and change of the rig that separate ``best_fit`` from ``alternative`` best.
 
     A change of the rig is proposed only if the separation without one is insufficient and at most half as large.
-
-    Raises InputError when no protocol can be run on ``device``.
+    Returns None where ``device`` has no plan, or no protocol can be simulated.
     """
+    try:
+        check_has_plan(device)
+    except InputError:
+        return None
     proposals = [
         proposal
         for protocol in load_identification_protocols().values()
         for proposal in _evaluate_protocol(data, device, protocol, best_fit, alternative)
     ]
-    if not proposals:
-        raise InputError(f"no protocol can be run on device '{device.name}'")
-    return choose_proposal(proposals)
+    return choose_proposal(proposals) if proposals else None
 
 
 class SeparatingProposal(Protocol):
@@ -193,8 +197,11 @@ def _evaluate_protocol(
     points = [best_fit.x, *(best_fit.x + FINITE_DIFFERENCE_STEP * unit for unit in np.eye(len(best_fit.x)))]
     setups = [*(best_fit.hypothesis.build_setups(x, [experiment]) for x in points)]
     setups.append(alternative.hypothesis.build_setups(alternative.x, [experiment]))
-    observed = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=True)
-    true_values = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=False)
+    try:
+        observed = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=True)
+        true_values = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=False)
+    except SimulationError:
+        return []
     proposals = []
     for rig_change in list_rig_changes(device):
         if not set(rig_change.added_channels) & set(data.noise):
