@@ -9,6 +9,7 @@ import pytest
 from klute_sim.api.rendering import render_text
 from klute_sim.datasets import dataset as datasets
 from klute_sim.device.device import load_device
+from klute_sim.diagnosis import held_out
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
@@ -271,6 +272,23 @@ def test_fault_that_only_the_test_trials_have_is_not_absorbed(tmp_path: Path) ->
     diagnosis = diagnose_few_candidates(folder)
     assert diagnosis.verdict == "unexplained"
     assert "which the other trials do not show" in diagnosis.reasons[0]
+
+
+def test_proxies_have_no_alternatives(dataset: datasets.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Equivalent models that test trials refute are no choice between names, and no experiment separates them."""
+    diagnosis = make_diagnosis(dataset, "indistinguishable", refitted=20.0, with_effects=3.0)
+    diagnosis.equivalent_models = [cast(Any, object())]
+    diagnosis.direct_measurements, diagnosis.next_experiment = [cast(Any, object())], {"protocol": "sines"}
+    diagnosis.evaluated_on = "fit"
+    monkeypatch.setattr(held_out, "_compute_residuals", lambda *_: (None, []))
+    held_out.evaluate_held_out(diagnosis, cast(Any, None))
+    assert diagnosis.equivalent_models
+    diagnosis.diverged_trials = {BASE_MODEL: ("test_1_a",)}
+    held_out.evaluate_held_out(diagnosis, cast(Any, None))
+    assert diagnosis.verdict == "unexplained"
+    assert not diagnosis.equivalent_models
+    assert not diagnosis.direct_measurements
+    assert diagnosis.next_experiment is None
 
 
 @pytest.mark.slow

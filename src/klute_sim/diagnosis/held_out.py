@@ -63,6 +63,8 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
         if NOMINAL_MODEL not in diagnosis.diverged_trials:
             record_declared_advantage(diagnosis)
     record_divergence(diagnosis)
+    if diagnosis.verdict == "unexplained":  # proxies have no alternatives
+        diagnosis.equivalent_models, diagnosis.direct_measurements, diagnosis.next_experiment = [], [], None
 
 
 def record_divergence(diagnosis: Diagnosis) -> None:

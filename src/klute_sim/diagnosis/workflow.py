@@ -45,9 +45,9 @@ from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.p_value import compute_p_value
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
 from klute_sim.diagnosis.planning.direct_measurements import list_direct_measurements
-from klute_sim.diagnosis.planning.gait_proposals import propose_gait_experiment
+from klute_sim.diagnosis.planning.gait_proposals import GaitProposal, propose_gait_experiment
 from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
-from klute_sim.diagnosis.planning.proposals import propose_experiment
+from klute_sim.diagnosis.planning.proposals import ExperimentProposal, propose_experiment
 from klute_sim.diagnosis.recording_faults import suspect_absolute_pressures
 from klute_sim.diagnosis.remarks import (
     describe_contradicted_numbers,
@@ -138,8 +138,6 @@ def _run_workflow(
     reasons += describe_registration(zip(names, fit.values, selected.confidence_intervals, strict=True))
     reasons += filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
     reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit)]
-    if selected.verdict != "unexplained":  # proxies show no effect
-        reasons += describe_undetermined_parameters(fit, selected.confidence_intervals)
     if dataset.tolerance and selected.verdict != "nothing-missing":
         reasons += describe_exceeded_tolerance(search, base_fit)
     if not selected.has_converged:
@@ -183,6 +181,8 @@ def _run_workflow(
         )
     progress(0.95, "evaluating the test trials")
     evaluate_held_out(diagnosis, search.data)
+    if diagnosis.verdict not in ("unexplained", "insufficient-data"):  # proxies show no effect
+        diagnosis.reasons += describe_undetermined_parameters(fit, selected.confidence_intervals)
     diagnosis.n_simulations = simulator.n_rollouts
     diagnosis.fitted_device = (
         dataset.device
@@ -286,13 +286,13 @@ def _select_deviating_specimen(
 
 def _propose_next_experiment(data: WeightedData, dataset: Dataset, final_fit: Fit, rival: Fit) -> dict[str, Any] | None:
     """Return the entry of ``verdict.json``; None where no experiment can be simulated."""
+    proposal: ExperimentProposal | GaitProposal | None
     if dataset.rig == "bench":
-        return propose_experiment(data, dataset.device, final_fit, rival).to_dict()
-    proposal = (
-        propose_gait_experiment(data, final_fit, rival)
-        if dataset.rig == "gait"
-        else propose_joint_experiment(data, dataset, final_fit, rival)
-    )
+        proposal = propose_experiment(data, dataset.device, final_fit, rival)
+    elif dataset.rig == "gait":
+        proposal = propose_gait_experiment(data, final_fit, rival)
+    else:
+        proposal = propose_joint_experiment(data, dataset, final_fit, rival)
     return None if proposal is None else proposal.to_dict()
 
 
