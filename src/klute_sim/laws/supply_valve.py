@@ -181,9 +181,21 @@ def _pressure_residual(supply: SupplyParameters, problem: FlowProblem, pressure:
 
 
 def solve_pressure(supply: SupplyParameters, problem: FlowProblem) -> float:
-    """Return the pressure [Pa] at the end of a flow: Ridders' method, bracketed by room and source."""
-    low, high = min(0.0, problem.initial_pressure), max(problem.initial_pressure, problem.source_pressure)
-    f_low, f_high = _pressure_residual(supply, problem, low), _pressure_residual(supply, problem, high)
+    """Return the pressure [Pa] at the end of a flow by Ridders' method.
+
+    A flow raises or lowers the pressure less than it would at its initial rate, and neither below the room's nor beyond
+    the source's. So the initial pressure and the end of this explicit step bracket the root.
+    """
+    start = problem.initial_pressure
+    f_start = _pressure_residual(supply, problem, start)
+    if f_start < 0.0:
+        low, f_low = start, f_start
+        high = min(max(start, problem.source_pressure), start - f_start)
+        f_high = _pressure_residual(supply, problem, high)
+    else:
+        high, f_high = start, f_start
+        low = max(min(0.0, start), start - f_start)
+        f_low = _pressure_residual(supply, problem, low)
     if not f_low < 0.0:
         return low if f_low == f_low else f_low
     if not f_high > 0.0:
