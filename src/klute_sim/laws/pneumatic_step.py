@@ -345,7 +345,9 @@ def _unlimited_pressure(air: AirCharge, volume: float) -> float:
         return air.pressure
     before = air.pressure + air.pressure_disturbance + ATMOSPHERIC_PRESSURE
     ratio = air.volume / (volume + air.dead_volume)
-    compression = before * (math.pow(ratio, air.polytropic_exponent) - 1.0)
+    # The power of an isothermal change takes longer than all the rest.
+    expansion = ratio if air.polytropic_exponent == 1.0 else math.pow(ratio, air.polytropic_exponent)
+    compression = before * (expansion - 1.0)
     return air.pressure + air.disturbance_fraction * (air.pressure_disturbance + compression)
 
 
