@@ -1,11 +1,12 @@
-"""Simpler forms of effects that have a parameter at its bound: the data do not determine the shape."""
+"""Models in place of those at a bound: simpler forms of effects, and numbers as they are declared."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.selection.forward_selection import refit_with_replacement
-from klute_sim.diagnosis.selection.naming import find_terms_at_bound
+from klute_sim.diagnosis.selection.naming import find_numbers_at_limit, find_terms_at_bound
 
 
 def simplify_terms(data: WeightedData, fit: Fit, terms: Sequence[EffectTerm]) -> Fit:
@@ -28,3 +29,18 @@ def refine_names(data: WeightedData, fit: Fit) -> Fit:
     refined = fit_hypothesis(data, fit.hypothesis, fit.x, fine=True)
     simplified = simplify_at_bound(data, refined)
     return refined if simplified is refined else refine_names(data, simplified)
+
+
+def keep_numbers_at_limit(data: WeightedData, fit: Fit) -> Fit:
+    """Return ``fit`` with the numbers at the limit of their declared uncertainty as declared, refitted in the others.
+
+    Returns ``fit`` itself without any. The registration of a walk is always fitted.
+    """
+    hypothesis = fit.hypothesis
+    at_limit = dict(hypothesis.uncertainties).keys() & find_numbers_at_limit(fit)
+    if not at_limit:
+        return fit
+    retained = [p.term_index is not None or p.name not in at_limit for p in hypothesis.parameters]
+    uncertainties = tuple((key, deviation) for key, deviation in hypothesis.uncertainties if key not in at_limit)
+    reduced = replace(hypothesis, uncertainties=uncertainties)
+    return keep_numbers_at_limit(data, fit_hypothesis(data, reduced, fit.x[retained]))

@@ -29,18 +29,18 @@ MIN_COINCIDENT_CAUSES = 3
 body), or faults of numbers and instruments (assumed: three are rarer than one effect outside the catalogue)."""
 
 
-def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
+def find_naming_obstacle(data: WeightedData, fit: Fit, *, needs_numbers_at_limit: bool = True) -> str:
     """Return why the terms of ``fit`` may not be named, without a full stop; '' if they may.
 
     A parameter at its bound says that the effect is something else, or that it is absent; an uncertain number, or the
-    registration of a walk, at the limit of its uncertainty says that something else is wrong. ``data`` provide the
-    ranges of the channels.
+    registration of a walk, at the limit of its uncertainty says that something else is wrong, unless the terms do
+    not need it (not ``needs_numbers_at_limit``). ``data`` provide the ranges of the channels.
     """
     for term, flaw in find_infeasible_terms(fit).items():
         return f"{term} {flaw}"
     for term, parameter, bound in _iterate_bounds_reached(fit):
         return f"{term} has '{parameter.name}' at its bound, {parameter.denormalize(bound):.4g}"
-    numbers = find_numbers_at_limit(fit) if fit.hypothesis.terms else []
+    numbers = find_numbers_at_limit(fit) if fit.hypothesis.terms and needs_numbers_at_limit else []
     if numbers:
         terms = " and ".join(map(str, fit.hypothesis.terms))
         return f"{terms} would need {numbers[0]} at the limit of its uncertainty"

@@ -25,11 +25,12 @@ from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
-from klute_sim.diagnosis.selection.bounds import simplify_at_bound
+from klute_sim.diagnosis.selection.bounds import keep_numbers_at_limit, simplify_at_bound
 from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, ForwardSelection
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_numbers_at_limit
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
 from klute_sim.diagnosis.selection.predictive_model import (
+    MIN_TERM_SHARE,
     FoldPart,
     PredictiveModel,
     PredictiveResult,
@@ -125,6 +126,7 @@ class PredictiveSelection:
         models = sorted([base, *map(self.assess, fits.values())], key=rank_model)
         for model in models[:MAX_FINISHED]:
             models = self._add_simplified(model, models)
+        models = [self._admit_numbers(base, m) if k < MAX_FINISHED else m for k, m in enumerate(models)]
         n_finished = 0
         while True:  # a model that is fitted to the end may reach a bound, or fall behind another one
             leading = [model for model in models if not model.obstacle][:MAX_LEADING]
@@ -134,7 +136,7 @@ class PredictiveSelection:
             n_finished += 1
             fit = unfinished[0].fit
             full_fit = fit_hypothesis(self.data, fit.hypothesis, fit.x, fit.jacobian)
-            finished = replace(self.assess(full_fit), has_full_fit=True)
+            finished = replace(self._admit_numbers(base, self.assess(full_fit)), has_full_fit=True)
             models = sorted([finished if model is unfinished[0] else model for model in models], key=rank_model)
             models = self._add_simplified(finished, models)
         return self._decide_refined(base, models)
@@ -172,6 +174,21 @@ class PredictiveSelection:
         known = {frozenset(other.terms) for other in models}
         added = [] if frozenset(simpler.hypothesis.terms) in known else [self.assess(simpler)]
         return sorted([*models, *added], key=rank_model)
+
+    def _admit_numbers(self, base: PredictiveModel, model: PredictiveModel) -> PredictiveModel:
+        """Return ``model``; it may be named with numbers at the limit of their uncertainty if its terms need no limit.
+
+        The error of the law moves numbers, too. The terms need no limit if all but :data:`MIN_TERM_SHARE` of what they
+        gain over ``base`` remains with these numbers as declared.
+        """
+        obstacle = find_naming_obstacle(self.data, model.fit, needs_numbers_at_limit=False)
+        if not model.terms or not np.isfinite(model.error) or obstacle == model.obstacle:
+            return model
+        declared = keep_numbers_at_limit(self.data, model.fit)
+        if find_numbers_at_limit(declared):  # the registration of a walk
+            return model
+        lost = self.assess(declared).error - model.error
+        return replace(model, obstacle=obstacle) if lost <= MIN_TERM_SHARE * (base.error - model.error) else model
 
     def assess(self, fit: Fit) -> PredictiveModel:
         """Return the errors of prediction of ``fit``.
@@ -257,7 +274,8 @@ class PredictiveSelection:
                 return result
             self.report_stage(f"refining {' and '.join(map(str, coarse.terms))}")
             fit, is_reproducible = check_convergence(self.data, coarse.fit, np.random.default_rng(self.seed))
-            refined = replace(self.assess(fit), errors=coarse.errors, is_reproducible=is_reproducible)
+            refined = replace(self._admit_numbers(base, self.assess(fit)), errors=coarse.errors)
+            refined = replace(refined, is_reproducible=is_reproducible)
             models = self._add_simplified(refined, [refined if model is coarse else model for model in models])
 
     def _decide(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
