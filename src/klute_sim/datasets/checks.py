@@ -65,7 +65,7 @@ def _is_commanded_by_opening(trial: Trial) -> bool:
 
 
 def check_supply(trial: Trial, source: str) -> None:
-    """Raise InputError where ``trial`` has pressures, but its device has no supply."""
+    """Raise InputError where ``trial`` of a bench or gait has pressures, but its device has no supply."""
     if trial.device.spec.supply is not None:
         return
     if "pressure" in trial.measured or trial.prescribed["pressure_command"].value.any():

@@ -34,9 +34,12 @@ def find_implausible(
 ) -> list[Finding]:
     """Return what is implausible in ``trials``; ``units`` holds the units in the headings of each.
 
-    Raises InputError for a channel that the dataset names as measured and that no trial has.
+    Raises InputError for a channel that the dataset names as measured and that no trial has, and for pressures of a
+    device without a supply.
     """
     _check_measured_channels(mechanism, trials, source)
+    for trial in trials:
+        _check_supplies(trial, source)
     model = compile_model(mechanism.file.make_spec())
     stops = _list_stops(model)
     findings = _find_implausible_model(mechanism, model, trials)
@@ -85,6 +88,19 @@ def _check_measured_channels(mechanism: DatasetMechanism, trials: Sequence[Trial
             raise InputError(
                 f"{source}: no trial has the measured channel '{name}'; add its column to the files, name the column "
                 "in [columns], or remove the channel from 'measured'"
+            )
+
+
+def _check_supplies(trial: Trial, source: str) -> None:
+    for tendon, device in trial.devices.items():
+        command, pressure = (f"{quantity}_{normalize_name(tendon)}" for quantity in ("pressure_command", "pressure"))
+        prescribed = [trial.prescribed[name] for name in (command, pressure) if name in trial.prescribed]
+        has_pressures = pressure in trial.measured or any(series.value.any() for series in prescribed)
+        if device.spec.supply is None and has_pressures:
+            raise InputError(
+                f"{source}, trial '{trial.name}': there are pressures of tendon '{tendon}', but its device "
+                f"'{device.name}' has no [supply]; add it to the device file, or write 0 for the prescribed pressure "
+                "and remove the measured one"
             )
 
 

@@ -1,0 +1,57 @@
+"""Datasets of a mechanism with a muscle against a spring, a device without a supply."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.datasets.dataset import Dataset, load_dataset
+from klute_sim.datasets.write import write_trial
+from klute_sim.errors import InputError
+from klute_sim.types import Array
+
+HEAD = """format = "klute-sim-dataset/2"
+rig = "mjcf"
+model = "antagonist_joint"
+prescribed = ["pressure_command_flexor", "pressure_command_extensor"]
+measured = ["angle_joint"]
+"""
+SPRING = """name = "spring"
+[tendon]
+slack_length_mm = 380
+stiffness_1_n_per_mm = 2
+stiffness_2_n_per_mm = 0
+engagement_mm = 100
+"""
+MUSCLE_AND_SPRING = """device = "klute-3-4-pair"
+[devices.flexor]
+[devices.extensor]
+device = "spring.toml"
+"""
+TIME = np.linspace(0.0, 2.0, 201)
+COURSE = np.sin(3.0 * TIME)
+
+
+def load(folder: Path, devices: str, flexor: Array, extensor: Array, angle: Array) -> Dataset:
+    """Load one trial with two commands [bar] and an angle [deg]."""
+    (folder / "spring.toml").write_text(SPRING)
+    (folder / "dataset.toml").write_text(f'{HEAD}{devices}\n[[trial]]\nfiles = ["a.csv"]\n')
+    columns = {
+        "time [s]": TIME,
+        "pressure_command_flexor [bar]": flexor,
+        "pressure_command_extensor [bar]": extensor,
+        "angle_joint [deg]": angle,
+    }
+    write_trial(folder / "a.csv", columns)
+    return load_dataset(folder)
+
+
+def test_tendons_with_own_devices_need_no_supply_of_the_dataset(tmp_path: Path) -> None:
+    devices = "".join(f'[devices.{tendon}]\ndevice = "klute-3-4-pair"\n' for tendon in ("flexor", "extensor"))
+    devices = f'device = "spring.toml"\n{devices}'
+    assert load(tmp_path, devices, 2.0 + COURSE, 3.0 - COURSE, 30.0 + 10.0 * COURSE).accepted == ()
+
+
+def test_pressures_of_a_device_without_supply_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="of tendon 'extensor', but its device 'spring' has no \\[supply\\]"):
+        load(tmp_path, MUSCLE_AND_SPRING, 2.0 + COURSE, 3.0 - COURSE, 30.0 + 10.0 * COURSE)
