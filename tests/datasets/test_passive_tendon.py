@@ -16,9 +16,14 @@ model = "antagonist_joint"
 prescribed = ["pressure_command_flexor", "pressure_command_extensor"]
 measured = ["angle_joint"]
 """
+NUMBERS = """
+[numbers]
+"model.site.flexor_origin.pos_z" = 0.29
+"model.site.extensor_origin.pos_z" = 0.29
+"""
 SPRING = """name = "spring"
 [tendon]
-slack_length_mm = 380
+slack_length_mm = 250
 stiffness_1_n_per_mm = 2
 stiffness_2_n_per_mm = 0
 engagement_mm = 100
@@ -35,7 +40,7 @@ COURSE = np.sin(3.0 * TIME)
 def load(folder: Path, devices: str, flexor: Array, extensor: Array, angle: Array) -> Dataset:
     """Load one trial with two commands [bar] and an angle [deg]."""
     (folder / "spring.toml").write_text(SPRING)
-    (folder / "dataset.toml").write_text(f'{HEAD}{devices}\n[[trial]]\nfiles = ["a.csv"]\n')
+    (folder / "dataset.toml").write_text(f'{HEAD}{devices}{NUMBERS}\n[[trial]]\nfiles = ["a.csv"]\n')
     columns = {
         "time [s]": TIME,
         "pressure_command_flexor [bar]": flexor,
@@ -55,3 +60,8 @@ def test_tendons_with_own_devices_need_no_supply_of_the_dataset(tmp_path: Path) 
 def test_pressures_of_a_device_without_supply_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="of tendon 'extensor', but its device 'spring' has no \\[supply\\]"):
         load(tmp_path, MUSCLE_AND_SPRING, 2.0 + COURSE, 3.0 - COURSE, 30.0 + 10.0 * COURSE)
+
+
+def test_muscle_against_a_spring_is_accepted(tmp_path: Path) -> None:
+    dataset = load(tmp_path, MUSCLE_AND_SPRING, 2.0 + COURSE, 0.0 * TIME, 30.0 + 10.0 * COURSE)
+    assert dataset.accepted == ()

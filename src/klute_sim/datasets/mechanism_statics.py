@@ -29,7 +29,7 @@ class Statics(NamedTuple):
     load: Array
     """Moment or force of gravity and springs at each position [N m or N]."""
     pressures: Mapping[str, Array]
-    """Tendon -> pressures [Pa]."""
+    """Tendon -> pressures [Pa] from 0 to that of the supply; 0 alone where the device has no supply."""
     moments: Mapping[str, Array]
     """Tendon -> moment or force of its device at each of these pressures and positions [N m or N]."""
     inertia: float
@@ -58,12 +58,12 @@ class Statics(NamedTuple):
         """Return the moments at each sample of the ``pressures`` and each position."""
         total = np.tile(self.load, (len(next(iter(pressures.values()))), 1))
         for tendon, values in pressures.items():
-            levels = self.pressures[tendon]
-            position = np.clip((values - levels[0]) / (levels[1] - levels[0]), 0.0, len(levels) - 1.001)
+            levels, moments = self.pressures[tendon], self.moments[tendon]
+            position = np.interp(values, levels, np.arange(float(len(levels))))
             low = position.astype(int)
+            high = np.minimum(low + 1, len(levels) - 1)
             share = (position - low)[:, np.newaxis]
-            moments = self.moments[tendon]
-            total += (1.0 - share) * moments[low] + share * moments[low + 1]
+            total += (1.0 - share) * moments[low] + share * moments[high]
         return total
 
 
@@ -95,7 +95,8 @@ def compute_statics(
     pressures, moments = {}, {}
     for tendon, device in devices.items():
         path = np.array(lengths)[:, model.tendon(tendon).id]
-        levels = np.linspace(0.0, device.parameters.supply.max_pressure, N_PRESSURES)
+        max_pressure = device.parameters.supply.max_pressure
+        levels = np.linspace(0.0, max_pressure, N_PRESSURES if max_pressure > 0.0 else 1)
         forces = _compute_forces(device, levels, path)
         if forces is None:
             return None
