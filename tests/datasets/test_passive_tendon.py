@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from klute_sim.datasets.dataset import Dataset, load_dataset
+from klute_sim.datasets.mechanism_statics import compute_statics
 from klute_sim.datasets.write import write_trial
 from klute_sim.errors import InputError
 from klute_sim.types import Array
@@ -65,3 +66,15 @@ def test_pressures_of_a_device_without_supply_are_refused(tmp_path: Path) -> Non
 def test_muscle_against_a_spring_is_accepted(tmp_path: Path) -> None:
     dataset = load(tmp_path, MUSCLE_AND_SPRING, 2.0 + COURSE, 0.0 * TIME, 30.0 + 10.0 * COURSE)
     assert dataset.accepted == ()
+
+
+def test_joint_rests_where_muscle_and_spring_balance(tmp_path: Path) -> None:
+    dataset = load(tmp_path, MUSCLE_AND_SPRING, 2.0 + COURSE, 0.0 * TIME, 30.0 + 10.0 * COURSE)
+    assert dataset.mechanism is not None
+    statics = compute_statics(dataset.mechanism, dataset.mechanism.devices, dataset.trials[0].model_numbers)
+    assert statics is not None
+    flexor = np.linspace(0.0, 4e5, 5)
+    rest = statics.find_rest({"flexor": flexor, "extensor": np.zeros(5)})
+    without_spring = statics.find_rest({"flexor": flexor})
+    assert np.all(np.diff(rest) > 0.0)
+    assert np.all(rest < without_spring)

@@ -8,7 +8,7 @@ import numpy as np
 
 from klute_sim.datasets.mechanism import DatasetMechanism
 from klute_sim.device.device import Device
-from klute_sim.device.dynamics import compute_muscle_force
+from klute_sim.device.dynamics import compute_tension
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.errors import KluteSimError
 from klute_sim.plant.callbacks import compile_model
@@ -112,14 +112,14 @@ def _solve_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 
 def _compute_forces(device: Device, pressures: Array, lengths: Array) -> Array | None:
-    """Return the force [N] at each pressure [Pa] and length [m] of a unit at rest; None where it has none."""
+    """Return the tension [N] at each pressure [Pa] and length [m] of a unit at rest; None where it has none."""
     parameters = device.parameters
     forces = np.zeros((len(pressures), len(lengths)))
     try:
         for i, pressure in enumerate(pressures):
             for k, length in enumerate(lengths):
                 state = compute_equilibrium_state(parameters, float(length), float(pressure))
-                forces[i, k] = compute_muscle_force(parameters, state.internal_state, state.pressure, state.length, 0.0)
+                forces[i, k] = compute_tension(parameters, state, float(length), 0.0)
     except (KluteSimError, ArithmeticError, ValueError):  # the laws fail at lengths that no device has
         return None
     return np.maximum(forces, 0.0) if np.isfinite(forces).all() else None
