@@ -49,7 +49,10 @@ class Statics(NamedTuple):
         return rest
 
     def compute_natural_period(self, pressures: Mapping[str, Array]) -> float:
-        """Return the longest period [s] of a free oscillation about the middle under ``pressures`` (tendon -> Pa)."""
+        """Return the period [s] of a free oscillation with the median stiffness under ``pressures`` (tendon -> Pa).
+
+        The median is that over all samples and all positions with a stiffness; without one, the period is infinite.
+        """
         slopes = np.gradient(self._compute_moments(pressures), self.positions, axis=1)
         stiffness = -float(np.median(slopes[slopes < 0.0])) if (slopes < 0.0).any() else 0.0
         return 2.0 * np.pi * float(np.sqrt(self.inertia / stiffness)) if stiffness > 0.0 else np.inf

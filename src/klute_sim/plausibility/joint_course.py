@@ -46,7 +46,7 @@ class Course(NamedTuple):
     expected: Array
     """Expected position at each sample [rad or m]."""
     natural_period: float
-    """Longest period of a free oscillation [s]."""
+    """Typical period of a free oscillation [s]."""
     stop_range: float
     """Distance between the stops [rad or m]."""
     place: str
