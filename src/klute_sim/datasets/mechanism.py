@@ -17,9 +17,10 @@ from klute_sim.datasets.mechanism_channels import (
 )
 from klute_sim.device.device import Device, list_presets, load_device
 from klute_sim.errors import InputError, suggest
+from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.mjcf.model_effects import JOINT_TYPES
 from klute_sim.plant.mjcf.model_file import MODEL_NAMES, ModelFile, load_model_file
-from klute_sim.plant.mjcf.model_numbers import PREFIX, collect_model_numbers, suggest_number
+from klute_sim.plant.mjcf.model_numbers import PREFIX, collect_model_numbers, set_model_numbers, suggest_number
 
 DEVICE_SEPARATOR = "/"
 """Separator of tendon and ``section.key`` in the name of a number of one device, such as ``flexor/muscle.c10_kpa``."""
@@ -41,6 +42,18 @@ class DatasetMechanism:
     """Numbers of the model that differ from its file."""
     model_values: Mapping[str, float]
     """All numbers of the model, with these changes."""
+
+    def compile_model(self, numbers: Mapping[str, float]) -> mujoco.MjModel | None:
+        """Return the model with the ``numbers`` that differ from its file; None if MuJoCo cannot compile it.
+
+        The preparation of a trial reports numbers that no model can have.
+        """
+        spec = self.file.make_spec()
+        set_model_numbers(spec, numbers)
+        try:
+            return compile_model(spec)
+        except ValueError:
+            return None
 
     def collect_nominal_numbers(self) -> dict[str, float]:
         """Return the numbers of the model and of each single device, by the names that ``[uncertain]`` uses."""

@@ -15,7 +15,7 @@ from klute_sim.datasets.trial import Trial
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.plant.callbacks import compile_model
-from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
+from klute_sim.plant.mjcf.model_numbers import collect_model_numbers
 from klute_sim.plausibility.bench.magnitudes import check_device_channels, check_missing_value_codes
 from klute_sim.plausibility.bench.trial import SI_UNITS, Channel, RecordedTrial
 from klute_sim.plausibility.finding import Finding
@@ -193,11 +193,8 @@ def _measure_paths(mechanism: DatasetMechanism, numbers: Mapping[str, float]) ->
 
     Nothing is returned for numbers with which the model cannot be compiled.
     """
-    spec = mechanism.file.make_spec()
-    set_model_numbers(spec, numbers)
-    try:
-        model = compile_model(spec)
-    except ValueError:  # the preparation of the trial reports numbers that no model can have
+    model = mechanism.compile_model(numbers)
+    if model is None:
         return {}
     data = mujoco.MjData(model)
     lengths = []

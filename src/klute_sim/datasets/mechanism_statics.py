@@ -11,8 +11,6 @@ from klute_sim.device.device import Device
 from klute_sim.device.dynamics import compute_tension
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.errors import KluteSimError
-from klute_sim.plant.callbacks import compile_model
-from klute_sim.plant.mjcf.model_numbers import set_model_numbers
 from klute_sim.types import Array
 
 N_POSITIONS = 33
@@ -77,14 +75,9 @@ def compute_statics(
 
     None unless the model has one joint, a hinge or a slide with stops, and the devices have forces at all positions.
     """
-    spec = mechanism.file.make_spec()
-    set_model_numbers(spec, numbers)
-    try:
-        model = compile_model(spec)
-    except ValueError:  # the preparation of the trial reports numbers that no model can have
-        return None
+    model = mechanism.compile_model(numbers)
     scalar = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-    if model.njnt != 1 or int(model.jnt_type[0]) not in scalar or not model.jnt_limited[0]:
+    if model is None or model.njnt != 1 or int(model.jnt_type[0]) not in scalar or not model.jnt_limited[0]:
         return None
     positions = np.linspace(float(model.jnt_range[0, 0]), float(model.jnt_range[0, 1]), N_POSITIONS)
     data = mujoco.MjData(model)
