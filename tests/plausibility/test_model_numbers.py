@@ -2,7 +2,7 @@
 
 import pytest
 
-from klute_sim.plausibility.model_numbers import ModelSize, check_model_numbers, check_reach
+from klute_sim.plausibility.model_numbers import ModelSize, check_model_sizes, check_reach
 
 SIZE = ModelSize(extent=0.8, mass=1.6)
 
@@ -17,7 +17,7 @@ SIZE = ModelSize(extent=0.8, mass=1.6)
     ],
 )
 def test_number_in_another_unit_is_found(name: str, value: float, part: str) -> None:
-    (finding,) = check_model_numbers({name: value}, SIZE, "trial 'a'")
+    (finding,) = check_model_sizes({name: value}, SIZE, "trial 'a'")
     assert finding.name == name
     assert part in finding.statement
 
@@ -29,8 +29,8 @@ def test_possible_numbers_are_accepted() -> None:
         "model.joint.joint.stiffness": 1e4,
         "model.option.gravity_z": -9.81,
     }
-    assert check_model_numbers(numbers, SIZE, "trial 'a'") == []
-    assert check_model_numbers({"model.geom.load.mass": 5.0}, ModelSize(0.8, 0.0), "trial 'a'") == []
+    assert check_model_sizes(numbers, SIZE, "trial 'a'") == []
+    assert check_model_sizes({"model.geom.load.mass": 5.0}, ModelSize(0.8, 0.0), "trial 'a'") == []
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gravity import check_gravity
 from klute_sim.plausibility.joint_angle import check_joint_angle
 from klute_sim.plausibility.mechanism import check_stuck_joint, check_tendon_pressures
-from klute_sim.plausibility.model_numbers import ModelSize, check_model_numbers, check_reach
+from klute_sim.plausibility.model_numbers import ModelSize, check_model_sizes, check_reach
 from klute_sim.plausibility.samples import Samples
 
 N_POSITIONS = 9
@@ -174,7 +174,7 @@ def _find_implausible_model(
     for trial in trials:
         place, numbers = f"trial '{trial.name}'", {**declared, **trial.model_numbers}
         findings += check_gravity([numbers[f"model.option.gravity_{axis}"] for axis in "xyz"], place, gravity_of_file)
-        too_large = check_model_numbers(trial.model_numbers, size, place)
+        too_large = check_model_sizes(trial.model_numbers, size, place)
         findings += too_large
         if too_large:
             continue

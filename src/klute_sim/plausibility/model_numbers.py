@@ -24,7 +24,7 @@ class ModelSize(NamedTuple):
     """Mass of all bodies [kg]."""
 
 
-def check_model_numbers(numbers: Mapping[str, float], size: ModelSize, place: str) -> list[Finding]:
+def check_model_sizes(numbers: Mapping[str, float], size: ModelSize, place: str) -> list[Finding]:
     """Return a finding for each of the changed ``numbers`` (name -> value) that is far too large for the model."""
     findings = []
     for name, value in numbers.items():
