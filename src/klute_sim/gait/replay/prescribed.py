@@ -19,7 +19,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
-from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
+from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD, MOTION_CHANNELS
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.errors import InputError
 from klute_sim.gait.replay.rollout import ReplayInputs
@@ -93,7 +93,7 @@ def prepare_prescribed_motion(
     Raises InputError when the foot is never loaded.
     """
     motion = {}
-    for name in ("shank_angle", "ankle_x", "ankle_z"):
+    for name in MOTION_CHANNELS:
         motion[name] = _fit_low_pass_spline(channels[name], cutoff)
     shank = motion["shank_angle"]
     motion["shank_angle"] = CubicSpline(shank.x, shank(shank.x) - alignment)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
+from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD, MOTION_CHANNELS
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics import checks, filters, from_joint_angles, from_markers, loads
@@ -16,16 +16,13 @@ from klute_sim.mocap.parsing.channel_lookup import Column, apply_given_sign, fin
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.sources import SourceFile
 
-MOTION_CHANNELS = ("shank_angle", "ankle_x", "ankle_z")
-"""Channels of the prescribed motion."""
-
 
 @dataclass(frozen=True, eq=False)
 class ProsthesisKinematics:
     """Unfiltered motion and loads of one trial."""
 
     channels: Mapping[str, TimeSeries]
-    """Channels of :data:`MOTION_CHANNELS`: angle [deg], positions [m] in the frame of the loads."""
+    """:data:`~klute_sim.datasets.channels.MOTION_CHANNELS`: angle [deg], positions [m] in the frame of the loads."""
     loads: Mapping[Side, GroundReaction]
     """Ground reaction of each foot."""
     from_plates: bool

@@ -23,7 +23,7 @@ STRIDE_TIME_RANGE = (0.38, 4.0)
 """Range of stride times [s]: a sprinting child, and the first steps with a prosthesis."""
 MIN_ZERO_SAMPLES = 3
 """Smallest number of samples of exactly zero in a row that are missing samples."""
-MOTION_CHANNELS = ("shank_angle", "ankle_x", "ankle_z", "ankle_angle")
+VARYING_CHANNELS = ("shank_angle", "ankle_x", "ankle_z", "ankle_angle")
 """Channels that are never constant in gait."""
 
 
@@ -89,7 +89,7 @@ def _find_missing(trial: GaitChannels) -> tuple[list[Finding], dict[str, ScaledS
         if code is not None:
             is_missing = np.isclose(values / channel.factor, code.code)
             text = f"{code.code:g} in {code.n_samples} sample{'' if code.n_samples == 1 else 's'}"
-        elif name in MOTION_CHANNELS:
+        elif name in VARYING_CHANNELS:
             is_missing = _find_zero_samples(values)
             text = f"exactly 0 in {int(is_missing.sum())} samples, far from its other samples"
         if is_missing.any() and not is_missing.all():
