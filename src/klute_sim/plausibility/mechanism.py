@@ -4,16 +4,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from klute_sim.plausibility.bench.absolute_pressures import HIGHEST_ATMOSPHERE, LOWEST_ATMOSPHERE
 from klute_sim.plausibility.bench.magnitudes import check_all_commands
-from klute_sim.plausibility.bench.mistakes import ATMOSPHERE
 from klute_sim.plausibility.bench.trial import RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.samples import Samples
 from klute_sim.plausibility.units import format_value
 from klute_sim.types import Array
 
-MIN_ATMOSPHERE, MAX_ATMOSPHERE = 0.85 * ATMOSPHERE, 1.05 * ATMOSPHERE
-"""Constant difference [Pa] of pressure and command that is the atmosphere (assumed: laboratories up to 1300 m)."""
 MAX_GAIN_ERROR = 0.1
 """Largest deviation from 1 of the slope of pressure over command beside a constant difference (assumed)."""
 MIN_COMMAND_RANGE = 0.1
@@ -52,7 +50,7 @@ def _check_absolute(trials: Sequence[RecordedTrial]) -> list[Finding]:
     if len(command) < MIN_SAMPLES or np.ptp(command) == 0.0:
         return []
     gain, offset = np.polyfit(command, pressure, 1)
-    if abs(gain - 1.0) > MAX_GAIN_ERROR or not MIN_ATMOSPHERE < offset < MAX_ATMOSPHERE:
+    if abs(gain - 1.0) > MAX_GAIN_ERROR or not LOWEST_ATMOSPHERE < offset < HIGHEST_ATMOSPHERE:
         return []
     return [
         Finding(

@@ -18,7 +18,8 @@ from klute_sim.plausibility.units import format_value
 from klute_sim.types import Array
 
 LOWEST_ATMOSPHERE, HIGHEST_ATMOSPHERE = 0.85 * ATMOSPHERE, 1.05 * ATMOSPHERE
-"""Absolute pressures [Pa] at which a vented muscle rests (assumed: laboratories up to 1300 m, gauges that are off)."""
+"""Absolute pressures [Pa] at which a vented muscle rests, and by which an absolute pressure exceeds its gauge command
+(assumed: laboratories up to 1300 m, gauges that are off)."""
 REST_PERCENTILE = 2.0
 """Percentile of a pressure at rest."""
 REST_TOLERANCE = 0.05 * ATMOSPHERE
