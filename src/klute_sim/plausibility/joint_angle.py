@@ -26,7 +26,7 @@ class _Angle:
     """Samples of an angle, the stops of its joint, and how to write both."""
 
     def __init__(self, channel: str, values: Array, unit: str, stops: tuple[float, float], place: str) -> None:
-        self.channel, self.values, self.unit, self.place = channel, values[np.isfinite(values)], unit, place
+        self.channel, self.values, self.place = channel, values[np.isfinite(values)], place
         self.factor = 1.0 if unit == "rad" else 1.0 / DEGREES_PER_RADIAN
         self.unit = unit if unit == "rad" else "deg"
         self.stops, self.stop_range = stops, stops[1] - stops[0]
