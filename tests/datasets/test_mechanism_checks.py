@@ -7,6 +7,7 @@ import pytest
 
 from klute_sim.datasets.dataset import Dataset, load_dataset
 from klute_sim.datasets.write import write_trial
+from klute_sim.device.device import load_device
 from klute_sim.errors import InputError
 
 HEAD = """format = "klute-sim-dataset/2"
@@ -114,6 +115,18 @@ def test_mistake_in_all_pressures_is_named(tmp_path: Path, changes: dict[str, np
 )
 def test_unusual_trials_are_accepted(tmp_path: Path, changes: dict[str, np.ndarray | None]) -> None:
     assert load_one(tmp_path, changes).accepted == ()
+
+
+def test_valve_openings_show_no_stuck_joint(tmp_path: Path) -> None:
+    lines = load_device("klute-1-1-4-pair-valve").content.decode().splitlines()
+    by_opening = [line.replace('command = "pressure"', 'command = "opening"') for line in lines if "gain" not in line]
+    (tmp_path / "valve.toml").write_text("\n".join(by_opening))
+    head = HEAD.replace("klute-3-4-pair", "valve.toml").replace(', "pressure_flexor"', "")
+    (tmp_path / "dataset.toml").write_text(head + '\n[[trial]]\nfiles = ["a.csv"]\n')
+    still = {"angle_joint [deg]": np.full(201, 30.0), "pressure_flexor [bar]": None}
+    columns = {name: still.get(name, values) for name, values in COLUMNS.items()}
+    write_trial(tmp_path / "a.csv", {name: values for name, values in columns.items() if values is not None})
+    assert load_dataset(tmp_path).accepted == ()
 
 
 def test_trial_without_a_measured_channel_is_remarked(tmp_path: Path) -> None:

@@ -78,3 +78,10 @@ def test_joint_rests_where_muscle_and_spring_balance(tmp_path: Path) -> None:
     without_spring = statics.find_rest({"flexor": flexor})
     assert np.all(np.diff(rest) > 0.0)
     assert np.all(rest < without_spring)
+
+
+def test_joint_that_an_idle_muscle_and_a_spring_hold_is_accepted(tmp_path: Path) -> None:
+    still = np.full(201, 30.0)
+    assert load(tmp_path, MUSCLE_AND_SPRING, np.full(201, 3.0), 0.0 * TIME, still).accepted == ()
+    with pytest.raises(InputError, match="although a command goes over 1 to 3 bar"):
+        load(tmp_path, MUSCLE_AND_SPRING, 2.0 + COURSE, 0.0 * TIME, still)

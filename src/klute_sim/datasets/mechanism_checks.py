@@ -51,8 +51,8 @@ def find_implausible(
             described = _describe(f"{trial.name}, {tendon}", trial.devices[tendon], channels, trial_units)
             codes, device_trial = check_missing_value_codes(described)
             findings += [*codes, *check_device_channels(device_trial)]
-            devices[tendon] = device_trial
             if trial.devices[tendon].parameters.supply.command_is_opening == 0.0:
+                devices[tendon] = device_trial
                 by_tendon[tendon].append(device_trial)
         first_device, other_channels = next(iter(trial.devices.values())), _list_other_channels(trial, samples)
         codes, others = check_missing_value_codes(_describe(trial.name, first_device, other_channels, trial_units))
@@ -123,7 +123,7 @@ def _check_position(
         findings = check_joint_angle(samples.channel, samples.value, samples.unit, stops, place)
         if findings:
             return findings
-    if samples.channel not in trial.measured or not devices:
+    if samples.channel not in trial.measured:
         return []
     return check_stuck_joint(samples, devices, stops, place)
 

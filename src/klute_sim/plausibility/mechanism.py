@@ -86,22 +86,24 @@ def check_stuck_joint(
     """Return a finding for a position of a joint that is constant although ``commands`` of the devices vary.
 
     A joint may rest at one of its ``stops`` [rad or m], and antagonists whose commands change alike may hold it.
+    Devices without a supply move nothing.
     """
-    if samples.finite.size < MIN_SAMPLES:
+    driving = [trial for trial in commands if trial.limits.supply_pressure > 0.0]
+    if samples.finite.size < MIN_SAMPLES or not driving:
         return []
     value = float(samples.finite[0])
     if stops is not None and min(abs(value - stop) for stop in stops) < MAX_STOP_DISTANCE * (stops[1] - stops[0]):
         return []
-    times = commands[0].channels["pressure_command"].time
+    times = driving[0].channels["pressure_command"].time
     courses = [
         np.interp(times, trial.channels["pressure_command"].time, trial.get_samples("pressure_command").value)
         / trial.limits.supply_pressure
-        for trial in commands
+        for trial in driving
     ]
     differences = [first - second for i, first in enumerate(courses) for second in courses[:i]] or courses
     if max(float(np.ptp(course)) for course in differences) < MIN_COMMAND_RANGE:
         return []
-    trial = max(commands, key=lambda each: _compute_range(each.get_samples("pressure_command")))
+    trial = max(driving, key=lambda each: _compute_range(each.get_samples("pressure_command")))
     return _check_constant(samples, place, f"a command goes over {trial.format_channel('pressure_command')}")
 
 
