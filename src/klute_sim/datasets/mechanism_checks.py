@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 import mujoco
-import numpy as np
 
 from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import TIME_COLUMN
@@ -11,6 +10,7 @@ from klute_sim.datasets.checks import build_simulation, collect_samples, compute
 from klute_sim.datasets.mechanism import DatasetMechanism
 from klute_sim.datasets.mechanism_channels import QUANTITIES, normalize_name, parse_channel
 from klute_sim.datasets.mechanism_motion import check_motion, describe_starts
+from klute_sim.datasets.mechanism_paths import find_moved_tendons, list_stops, measure_paths
 from klute_sim.datasets.trial import Trial
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
@@ -25,9 +25,6 @@ from klute_sim.plausibility.mechanism import check_stuck_joint, check_tendon_pre
 from klute_sim.plausibility.model_numbers import ModelSize, check_model_sizes, check_reach
 from klute_sim.plausibility.samples import Samples
 
-N_POSITIONS = 9
-"""Number of positions between the stops at which the paths of tendons are measured."""
-
 
 def find_implausible(
     mechanism: DatasetMechanism, trials: Sequence[Trial], units: Sequence[Mapping[str, str]], source: str
@@ -41,7 +38,7 @@ def find_implausible(
     for trial in trials:
         _check_supplies(trial, source)
     model = compile_model(mechanism.file.make_spec())
-    stops = _list_stops(model)
+    stops, moved_tendons = list_stops(model), find_moved_tendons(model)
     findings = _find_implausible_model(mechanism, model, trials)
     by_tendon: dict[str, list[RecordedTrial]] = {tendon: [] for tendon in mechanism.devices}
     for trial, trial_units in zip(trials, units, strict=True):
@@ -59,7 +56,8 @@ def find_implausible(
         findings += codes
         for name, channel in others.channels.items():
             if name.startswith(("angle_", "position_")):
-                findings += _check_position(trial, channel.samples, stops.get(name), list(devices.values()))
+                driving = [each for tendon, each in devices.items() if tendon in moved_tendons.get(name, ())]
+                findings += _check_position(trial, channel.samples, stops.get(name), driving)
     by_tendon = {tendon: each for tendon, each in by_tendon.items() if each}
     findings += check_tendon_pressures(by_tendon)
     return findings or check_motion(mechanism, trials, units, by_tendon)
@@ -104,20 +102,10 @@ def _check_supplies(trial: Trial, source: str) -> None:
             )
 
 
-def _list_stops(model: mujoco.MjModel) -> dict[str, tuple[float, float]]:
-    """Return channel -> stops [rad or m] of each joint with stops."""
-    return {
-        f"{quantity}_{normalize_name(model.joint(index).name)}": (float(low), float(high))
-        for index, (low, high) in enumerate(model.jnt_range)
-        for quantity in ("angle", "position")
-        if model.jnt_limited[index]
-    }
-
-
 def _check_position(
-    trial: Trial, samples: Samples, stops: tuple[float, float] | None, devices: Sequence[RecordedTrial]
+    trial: Trial, samples: Samples, stops: tuple[float, float] | None, driving: Sequence[RecordedTrial]
 ) -> list[Finding]:
-    """Return what is implausible in the position of a joint."""
+    """Return what is implausible in the position of a joint; ``driving`` are the devices that move it."""
     place = f"trial '{trial.name}'"
     if stops is not None and samples.channel.startswith("angle_"):
         findings = check_joint_angle(samples.channel, samples.value, samples.unit, stops, place)
@@ -125,7 +113,7 @@ def _check_position(
             return findings
     if samples.channel not in trial.measured:
         return []
-    return check_stuck_joint(samples, devices, stops, place)
+    return check_stuck_joint(samples, driving, stops, place)
 
 
 def _list_device_channels(trial: Trial, samples: Mapping[str, Samples]) -> dict[str, dict[str, Channel]]:
@@ -180,36 +168,10 @@ def _find_implausible_model(
             continue
         key = tuple(trial.model_numbers.items())
         if key not in paths:
-            paths[key] = _measure_paths(mechanism, trial.model_numbers)
+            changed = mechanism.compile_model(trial.model_numbers)
+            paths[key] = {} if changed is None else measure_paths(changed, [*mechanism.devices])
         for tendon, path in paths[key].items():
             parameters = trial.devices[tendon].parameters
             unit_length = parameters.muscle.resting_length + parameters.tendon.slack_length
             findings += check_reach(tendon, path, unit_length, place)
     return findings
-
-
-def _measure_paths(mechanism: DatasetMechanism, numbers: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-    """Return tendon -> its shortest and its longest path [m] while all joints go from one stop to the other.
-
-    Nothing is returned for numbers with which the model cannot be compiled.
-    """
-    model = mechanism.compile_model(numbers)
-    if model is None:
-        return {}
-    data = mujoco.MjData(model)
-    lengths = []
-    for fraction in np.linspace(0.0, 1.0, N_POSITIONS):
-        for index, (low, high) in enumerate(model.jnt_range):
-            if model.jnt_limited[index] and model.jnt_type[index] in (
-                mujoco.mjtJoint.mjJNT_HINGE,
-                mujoco.mjtJoint.mjJNT_SLIDE,
-            ):
-                data.qpos[model.jnt_qposadr[index]] = low + fraction * (high - low)
-        mujoco.mj_fwdPosition(model, data)
-        lengths.append(data.ten_length.copy())
-    indices = {model.tendon(index).name: index for index in range(model.ntendon)}
-    columns = np.array(lengths)
-    return {
-        tendon: (float(columns[:, indices[tendon]].min()), float(columns[:, indices[tendon]].max()))
-        for tendon in mechanism.devices
-    }
