@@ -13,9 +13,9 @@ from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.errors import KluteSimError
 from klute_sim.types import Array
 
-N_POSITIONS = 33
+N_STATIC_POSITIONS = 33
 """Number of positions between the stops."""
-N_PRESSURES = 7
+N_STATIC_PRESSURES = 7
 """Number of pressures from 0 to that of the supply."""
 
 
@@ -79,7 +79,7 @@ def compute_statics(
     scalar = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
     if model is None or model.njnt != 1 or int(model.jnt_type[0]) not in scalar or not model.jnt_limited[0]:
         return None
-    positions = np.linspace(float(model.jnt_range[0, 0]), float(model.jnt_range[0, 1]), N_POSITIONS)
+    positions = np.linspace(float(model.jnt_range[0, 0]), float(model.jnt_range[0, 1]), N_STATIC_POSITIONS)
     data = mujoco.MjData(model)
     loads, lengths, inertias = [], [], []
     for position in positions:
@@ -92,7 +92,7 @@ def compute_statics(
     for tendon, device in devices.items():
         path = np.array(lengths)[:, model.tendon(tendon).id]
         max_pressure = device.parameters.supply.max_pressure
-        levels = np.linspace(0.0, max_pressure, N_PRESSURES if max_pressure > 0.0 else 1)
+        levels = np.linspace(0.0, max_pressure, N_STATIC_PRESSURES if max_pressure > 0.0 else 1)
         forces = _compute_forces(device, levels, path)
         if forces is None:
             return None
