@@ -55,7 +55,7 @@ def test_right_trials_are_accepted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "name", "part"),
     [
-        ({"pressure_command_flexor [bar]": 200.0 + TIME}, "pressure_command-unit", "trial 'b, flexor'"),
+        ({"pressure_command_flexor [bar]": 200.0 + TIME}, "pressure_command_flexor-unit", "trial 'b'"),
         ({"angle_joint [deg]": np.full(201, 30.0)}, "angle_joint-constant", "30 deg in all 201 samples"),
         ({"pressure_flexor [bar]": np.full(201, 2.0)}, "pressure_flexor-constant", "its command goes over 1"),
         (
@@ -89,7 +89,7 @@ def test_mistake_of_one_trial_is_named(
         ),
         (
             {"pressure_flexor [bar]": None, "pressure_flexor [kPa]": FLEXOR},
-            "pressure is 1 to 3 kPa, but the supply pressure of this device is 500 kPa: is its unit bar?",
+            "pressure_flexor is 1 to 3 kPa, but the supply pressure of this device is 500 kPa: is its unit bar?",
         ),
         ({"pressure_flexor [bar]": FLEXOR + 1.0}, "over all trials the pressure is 1 bar above its command"),
     ],
@@ -115,6 +115,17 @@ def test_mistake_in_all_pressures_is_named(tmp_path: Path, changes: dict[str, np
 )
 def test_unusual_trials_are_accepted(tmp_path: Path, changes: dict[str, np.ndarray | None]) -> None:
     assert load_one(tmp_path, changes).accepted == ()
+
+
+def test_finding_on_a_prescribed_pressure_has_its_name(tmp_path: Path) -> None:
+    head = HEAD.replace("pressure_command_flexor", "pressure_flexor").replace(', "pressure_flexor"]\n', "]\n")
+    (tmp_path / "dataset.toml").write_text(head + '\n[[trial]]\nfiles = ["a.csv"]\n')
+    columns = {name: values for name, values in COLUMNS.items() if "flexor" not in name}
+    write_trial(tmp_path / "a.csv", {**columns, "pressure_flexor [bar]": 100.0 * FLEXOR})
+    with pytest.raises(InputError, match="trial 'a': pressure_flexor is 1") as error:
+        load_dataset(tmp_path)
+    assert str(error.value).endswith("--accept pressure_flexor-unit")
+    assert load_dataset(tmp_path, accept=["pressure_flexor-unit"]).accepted
 
 
 def test_valve_openings_show_no_stuck_joint(tmp_path: Path) -> None:

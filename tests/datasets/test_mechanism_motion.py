@@ -1,5 +1,6 @@
 """Motion of a joint in the trials of a mechanism, compared with the model at rest and with the other trials."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ COURSE = np.sin(1.5 * np.maximum(TIME - 0.5, 0.0))
 FLEXOR, EXTENSOR = 3.0 + 0.5 * COURSE, 3.0 - 0.5 * COURSE
 
 
-def write(folder: Path, names: str, numbers: str = "") -> None:
+def write(folder: Path, names: Iterable[str], numbers: str = "") -> None:
     trials = "".join(f'\n[[trial]]\nfiles = ["{name}.csv"]\n' for name in names)
     (folder / "dataset.toml").write_text(HEAD + numbers + trials)
     for name in names:
@@ -94,6 +95,13 @@ def test_exchanged_headings_are_named(tmp_path: Path, old: str, new: str, name: 
     write(tmp_path, "a")
     edit(tmp_path, "a", old, new)
     with pytest.raises(InputError, match=f"accept it with --accept {name}"):
+        load(tmp_path)
+
+
+def test_exchanged_headings_are_located_by_the_whole_name_of_the_trial(tmp_path: Path) -> None:
+    write(tmp_path, ["run, fast"])
+    edit(tmp_path, "run, fast", ",pressure_flexor", ",pressure_extensor")
+    with pytest.raises(InputError, match="trial 'run, fast': the pressure of each"):
         load(tmp_path)
 
 

@@ -83,5 +83,5 @@ def test_joint_rests_where_muscle_and_spring_balance(tmp_path: Path) -> None:
 def test_joint_that_an_idle_muscle_and_a_spring_hold_is_accepted(tmp_path: Path) -> None:
     still = np.full(201, 30.0)
     assert load(tmp_path, MUSCLE_AND_SPRING, np.full(201, 3.0), 0.0 * TIME, still).accepted == ()
-    with pytest.raises(InputError, match="although a command goes over 1 to 3 bar"):
+    with pytest.raises(InputError, match="although pressure_command_flexor goes over 1 to 3 bar"):
         load(tmp_path, MUSCLE_AND_SPRING, 2.0 + COURSE, 0.0 * TIME, still)

@@ -45,7 +45,7 @@ def find_implausible(
         samples = collect_samples(trial, trial_units, mechanism.channels)
         devices = {}
         for tendon, channels in _list_device_channels(trial, samples).items():
-            described = _describe(f"{trial.name}, {tendon}", trial.devices[tendon], channels, trial_units)
+            described = _describe(trial.name, trial.devices[tendon], channels, trial_units)
             codes, device_trial = check_missing_value_codes(described)
             findings += [*codes, *check_device_channels(device_trial)]
             if trial.devices[tendon].parameters.supply.command_is_opening == 0.0:

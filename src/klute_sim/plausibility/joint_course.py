@@ -165,7 +165,7 @@ def check_exchanged_pressures(
             f"the pressure of each of '{first}' and '{second}' follows the command of the other: the columns of their "
             f"{name} are exchanged; correct the headings"
         )
-        findings.append(Finding(f"{'-'.join(names)}-exchanged", pairs[0][0].place.split(",")[0] + "'", statement))
+        findings.append(Finding(f"{'-'.join(names)}-exchanged", pairs[0][0].place, statement))
     return findings
 
 

@@ -54,12 +54,12 @@ def _check_absolute(trials: Sequence[RecordedTrial]) -> list[Finding]:
         return []
     return [
         Finding(
-            "pressure-absolute",
+            f"{trial.get_name('pressure')}-absolute",
             trial.place,
-            f"pressure is {trial.format_channel('pressure')} and pressure_command "
-            f"{trial.format_channel('pressure_command')}; over all trials the pressure is "
-            f"{trial.format_limit('pressure', float(offset))} above its command: it looks like absolute pressure; "
-            "subtract the pressure of the atmosphere",
+            f"{trial.get_name('pressure')} is {trial.format_channel('pressure')} and "
+            f"{trial.get_name('pressure_command')} {trial.format_channel('pressure_command')}; over all trials the "
+            f"pressure is {trial.format_limit('pressure', float(offset))} above its command: it looks like absolute "
+            "pressure; subtract the pressure of the atmosphere",
         )
         for trial in trials
     ]
@@ -104,7 +104,8 @@ def check_stuck_joint(
     if max(float(np.ptp(course)) for course in differences) < MIN_COMMAND_RANGE:
         return []
     trial = max(driving, key=lambda each: _compute_range(each.get_samples("pressure_command")))
-    return _check_constant(samples, place, f"a command goes over {trial.format_channel('pressure_command')}")
+    cause = f"{trial.get_name('pressure_command')} goes over {trial.format_channel('pressure_command')}"
+    return _check_constant(samples, place, cause)
 
 
 def _check_constant(samples: Samples, place: str, cause: str) -> list[Finding]:

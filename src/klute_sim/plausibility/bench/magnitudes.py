@@ -46,14 +46,11 @@ def check_missing_value_codes(trial: RecordedTrial) -> tuple[list[Finding], Reco
         others = channel.samples._replace(value=np.where(is_code, np.nan, channel.samples.value))
         values[name] = others.value
         rest = trial.with_values(**{name: others.value}).format_channel(name)
-        findings.append(
-            Finding(
-                f"{name}-missing",
-                trial.place,
-                f"{name} is {found.code:g} {channel.samples.unit} in {found.n_samples} samples and {rest} in the "
-                "others: it looks like a code for missing values; leave the cells of missing samples empty",
-            )
+        statement = (
+            f"{others.channel} is {found.code:g} {others.unit} in {found.n_samples} samples and {rest} in the others: "
+            "it looks like a code for missing values; leave the cells of missing samples empty"
         )
+        findings.append(Finding(f"{others.channel}-missing", trial.place, statement))
     return findings, trial.with_values(**values)
 
 
@@ -130,11 +127,12 @@ def _check_muscle_length(trial: RecordedTrial) -> list[Finding]:
     guess = _guess_length_unit(trial, "muscle_length", middle, plausible)
     if not guess:
         return []
+    name = trial.get_name("muscle_length")
     statement = (
-        f"muscle_length is {trial.format_channel('muscle_length')}, but the resting length of this device's muscle is "
+        f"{name} is {trial.format_channel('muscle_length')}, but the resting length of this device's muscle is "
         f"{trial.format_limit('muscle_length', resting_length)}: is its unit {guess}? Correct the heading"
     )
-    return [Finding("muscle_length-unit", trial.place, statement)]
+    return [Finding(f"{name}-unit", trial.place, statement)]
 
 
 def _guess_length_unit(trial: RecordedTrial, channel: str, middle: float, plausible: Range) -> str:
@@ -177,12 +175,13 @@ def _check_pressure_sign(trial: RecordedTrial, channel: str) -> list[Finding]:
     samples = trial.get_samples(channel)
     if float(np.percentile(samples.finite, MAX_SPIKE_PERCENT)) > -VACUUM or float(np.median(samples.finite)) > 0.0:
         return []
+    name = trial.get_name(channel)
     statement = (
-        f"{channel} is {trial.format_channel(channel)}, but gauge pressures cannot be below "
+        f"{name} is {trial.format_channel(channel)}, but gauge pressures cannot be below "
         f"{trial.format_limit(channel, -VACUUM)}, the vacuum: its sign seems reversed; pressures above that of the "
         "room are positive"
     )
-    return [Finding(f"{channel}-sign", trial.place, statement)]
+    return [Finding(f"{name}-sign", trial.place, statement)]
 
 
 def _describe_pressure(trial: RecordedTrial, channel: str, peak: float) -> Finding:
@@ -193,10 +192,11 @@ def _describe_pressure(trial: RecordedTrial, channel: str, peak: float) -> Findi
     if channel == "pressure_command" and peak > supply_pressure and _may_be_percent(trial, guess):
         unit = f"{guess}, or per cent of a full scale" if guess else "per cent of a full scale"
         fix = f"is its unit {unit}? Correct the heading, or convert it under [columns]"
+    name = trial.get_name(channel)
     return Finding(
-        f"{channel}-unit",
+        f"{name}-unit",
         trial.place,
-        f"{channel} is {trial.format_channel(channel)}, but the supply pressure of this device is "
+        f"{name} is {trial.format_channel(channel)}, but the supply pressure of this device is "
         f"{trial.format_limit(channel, supply_pressure)}: {fix}",
     )
 
@@ -229,11 +229,12 @@ def _check_force(trial: RecordedTrial) -> list[Finding]:
         Range(0.05 * limits.max_force, 1.5 * limits.max_force, limits.max_force),
     )
     fix = f"is its unit {guess}? Correct the heading" if guess else "its unit or its scale is wrong"
+    name = trial.get_name("force")
     statement = (
-        f"force is {trial.format_channel('force')}, but this device pulls at most "
+        f"{name} is {trial.format_channel('force')}, but this device pulls at most "
         f"{trial.format_limit('force', limits.max_force)} under its supply pressure: {fix}"
     )
-    return [Finding("force-unit", trial.place, statement)]
+    return [Finding(f"{name}-unit", trial.place, statement)]
 
 
 def check_all_commands(trials: list[RecordedTrial], channel: str = "pressure_command") -> list[Finding]:

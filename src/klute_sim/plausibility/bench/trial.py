@@ -107,7 +107,7 @@ class RecordedTrial:
     name: str
     """Name of the trial."""
     channels: Mapping[str, Channel]
-    """Channels by name."""
+    """Channels by their names on a bench."""
     limits: DeviceLimits
     """Limits of the device."""
     simulate: Simulate
@@ -129,6 +129,10 @@ class RecordedTrial:
     def get_samples(self, channel: str) -> Samples:
         """Return the samples of ``channel``."""
         return self.channels[channel].samples
+
+    def get_name(self, channel: str) -> str:
+        """Return the name of ``channel`` in the dataset, such as ``pressure_flexor`` in that of a mechanism."""
+        return self.channels[channel].samples.channel
 
     def shares_sources(self, other: "RecordedTrial", channels: Collection[str]) -> bool:
         """Return whether ``channels`` of both trials are read from the same columns with the same units."""
