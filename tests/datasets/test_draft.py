@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import klute_sim as ks
-from klute_sim.datasets.draft.headings import interpret_heading
+from klute_sim.datasets.draft.headings import find_gait_words, interpret_heading
 from klute_sim.errors import InputError
 from tests.command_line import run
 
@@ -334,6 +334,22 @@ def test_gait_is_referred_to_the_import(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"recordings of gait .*'klute-sim import FILES --dataset --device DEVICE"):
         ks.draft_dataset(tmp_path, DEVICE)
     assert not (tmp_path / "dataset.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("heading", "words"),
+    [
+        *(
+            (heading, {"grf"})
+            for heading in ("GRFz (N)", "vGRF", "leftGRFy", "GRFVertical", "grfz", "GRFzLeft", "R_GRF1")
+        ),
+        *((heading, {"cop"}) for heading in ("COPx", "CoPx [mm]", "COPy", "FP1_COPap", "cop_x")),
+        *((heading, {"ankle"}) for heading in ("ankle_angle", "RAnkleX", "AnkleAngle")),
+        *((heading, set()) for heading in ("scope", "SCOPE", "copper temperature", "COPPER", "Copley drive", "copy")),
+    ],
+)
+def test_words_of_gait_are_found_in_headings(heading: str, words: set[str]) -> None:
+    assert find_gait_words(heading) == words
 
 
 def test_one_word_of_gait_may_be_that_of_a_bench(tmp_path: Path) -> None:

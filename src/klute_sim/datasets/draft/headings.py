@@ -71,8 +71,11 @@ _PROCESSED = frozenset(
 """Words of columns that come after others of the same channel."""
 _ABSOLUTE = frozenset(("abs", "absolute"))
 
-_GAIT = frozenset(("grf", "cop", "shank", "ankle"))
-"""Words of recordings of gait."""
+_START = r"(?:(?<![A-Za-z])|(?<=[a-z])(?=[A-Z])|(?=[A-Z][a-z]))"
+_END = r"(?:(?![A-Za-z])|(?<=[a-z])(?=[A-Z])|(?=[A-Z][a-z]))"
+_GAIT = re.compile(rf"{_START}(?!copy|Copy|COPY)(?i:[lrv]?(grf|cop|shank|ankle)(?:[xyzv]|ap|ml)?){_END}")
+"""A word of recordings of gait, with or without letters for a side, a direction and an axis, such as ``GRFz``, ``CoPx``
+or ``vGRF``; ``copy`` is none."""
 
 
 class HeadingMeaning(NamedTuple):
@@ -122,7 +125,7 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
 
 def find_gait_words(heading: str) -> set[str]:
     """Return the words of ``heading`` that recordings of gait have."""
-    return {token.lower() for token in _TOKEN.findall(heading)} & _GAIT
+    return {word.lower() for word in _GAIT.findall(heading)}
 
 
 def _spell_in_ascii(text: str) -> str:
