@@ -138,6 +138,15 @@ def test_files_without_overlap_in_time_are_refused(tmp_path: Path) -> None:
     assert message in read_error(tmp_path, columns(), other)
 
 
+def test_delay_that_leaves_no_overlap_is_named(tmp_path: Path) -> None:
+    write_trial(tmp_path / "a.csv", columns())
+    with pytest.raises(InputError) as error:
+        trial.read_trial((tmp_path / "a.csv",), "bench", delays={"force": 20.0})
+    assert str(error.value).startswith(f"the channels of trial file {tmp_path / 'a.csv'} do not overlap in time:")
+    assert "'force' ends at -19.81 s after its [delay] of 20 s, 'length' starts at 0 s" in str(error.value)
+    assert str(error.value).endswith("; is the unit of the delay right?")
+
+
 def test_unknown_columns_cause_a_remark(tmp_path: Path) -> None:
     (remark,) = read(tmp_path, columns() | {"oil_temperature [degC]": TIME, "gas_power [W]": TIME}).remarks
     assert remark.endswith("a.csv: ignored columns 'oil_temperature [degC]', 'gas_power [W]'")

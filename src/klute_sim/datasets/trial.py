@@ -161,7 +161,7 @@ def read_trial(
         columns[COMMAND_CHANNEL] = _make_zero_column(next(iter(columns.values())))
         units[COMMAND_CHANNEL] = get_prescribed_units(rig)[COMMAND_CHANNEL]
     prescribed, measured = _assign_roles(rig, columns, [str(path) for path in files])
-    _check_overlap(columns)
+    _check_overlap(columns, delays)
     units[TIME_COLUMN] = next(iter(columns.values())).file.units[TIME_COLUMN]
     digests = tuple(file.digest for file in tables)
     return TrialChannels(prescribed, measured, digests, tuple(remarks), units, sources, unmapped)
@@ -294,12 +294,20 @@ def _check_known_under_load(column: _Column, vertical_force: TimeSeries) -> None
         )
 
 
-def _check_overlap(columns: dict[str, _Column]) -> None:
+def _check_overlap(columns: Mapping[str, _Column], delays: Mapping[str, float]) -> None:
+    """Raise InputError where two channels have no time in common; a stated delay in a wrong unit is a cause."""
     latest = max(columns, key=lambda channel: columns[channel].series.time[0])
     earliest = min(columns, key=lambda channel: columns[channel].series.time[-1])
     start, end = columns[latest].series.time[0], columns[earliest].series.time[-1]
-    if start >= end:
-        raise InputError(
-            f"trial files {columns[earliest].file.source} and {columns[latest].file.source} do not overlap in time: "
-            f"'{earliest}' ends at {end:.6g} s, '{latest}' starts at {start:.6g} s"
-        )
+    if start < end:
+        return
+    files = list(dict.fromkeys(str(columns[channel].file.source) for channel in (earliest, latest)))
+    subject = f"trial files {' and '.join(files)}" if len(files) > 1 else f"the channels of trial file {files[0]}"
+    earlier, later = (
+        f" after its [delay] of {delays[channel]:.6g} s" if channel in delays else "" for channel in (earliest, latest)
+    )
+    question = "; is the unit of the delay right?" if earlier or later else ""
+    raise InputError(
+        f"{subject} do not overlap in time: '{earliest}' ends at {end:.6g} s{earlier}, '{latest}' starts at "
+        f"{start:.6g} s{later}{question}"
+    )
