@@ -94,6 +94,7 @@ def test_delay_is_subtracted_from_the_times_of_a_channel(tmp_path: Path, text: s
     recorded = load(tmp_path, TRIALS).trials
     for before, after, delay in zip(recorded, declared, (seconds, 0.007), strict=True):
         assert after.measured["force"].time == pytest.approx(before.measured["force"].time - delay)
+        assert after.delays == pytest.approx({"force": delay})
         assert after.prescribed["length"].time == pytest.approx(before.prescribed["length"].time)
 
 

@@ -79,6 +79,22 @@ def test_delay_of_the_plate_is_measured(walk: Trial, seconds: float, channels: t
     assert f"{abs(1e3 * found.delay):.0f} ms {direction} against {channels[0]} and {channels[1]}" in finding.sentence
 
 
+@pytest.mark.parametrize(
+    ("delays", "advice"),
+    [
+        ({}, "state '20 ms' for each of the three under [delay]"),
+        (dict.fromkeys(PLATE_CHANNELS, 0.04), "state '60 ms' for each of the three in place of the delay stated now"),
+        (
+            {"grf_vertical": 0.04, "grf_forward": 0.04},
+            "state grf_vertical = '60 ms', grf_forward = '60 ms', cop_x = '20 ms' in place",
+        ),
+    ],
+)
+def test_stated_delay_is_part_of_the_advice(walk: Trial, delays: Mapping[str, float], advice: str) -> None:
+    (finding,) = find_recording_mistakes([replace(delay(walk, 0.02), delays=delays)])
+    assert advice in finding.statement
+
+
 @pytest.mark.parametrize("seconds", [0.0, -0.006, 0.006])
 def test_delay_that_the_registration_fits_is_accepted(walk: Trial, seconds: float) -> None:
     assert abs(seconds) < MIN_DELAY

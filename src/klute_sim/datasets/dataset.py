@@ -243,6 +243,7 @@ class _TrialPlan(NamedTuple):
             specimen=self.entry.specimen or "",
             input_noise=self.input_noise,
             limits={channel: limits for channel, limits in self.limits.items() if channel in channels.measured},
+            delays=self.delays,
             devices=self.devices,
             model_numbers=self.model_numbers,
             initial_state=self.initial_state,

@@ -89,6 +89,8 @@ class Trial:
     """Prescribed channel that was measured -> standard deviation of its noise [SI]; others are known exactly."""
     limits: Mapping[str, SensorLimits] = field(default_factory=dict)
     """Measured channel -> limits of its sensor; a sample at a limit or beyond says only that the value is no nearer."""
+    delays: Mapping[str, float] = field(default_factory=dict)
+    """Channel -> stated delay [s], which its times do not contain any more."""
     devices: Mapping[str, Device] = field(default_factory=dict)
     """Tendon -> its device with the changes of this trial; empty without a mechanism."""
     model_numbers: Mapping[str, float] = field(default_factory=dict)

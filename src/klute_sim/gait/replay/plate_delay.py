@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.datasets.trial import Trial
-from klute_sim.gait.replay.measured_trial import MeasuredTrial
+from klute_sim.gait.replay.measured_trial import PLATE_CHANNELS, MeasuredTrial
 from klute_sim.plausibility.finding import Finding
 
 DIRECT_CHANNEL = "force"
@@ -100,7 +100,18 @@ def _describe(trial: Trial, found: PlateDelay) -> Finding:
     statement = (
         f"the force plate is {size} {direction} against {' and '.join(found.unexplained)}: a replay under its load "
         f"leaves {before} of the variance of {channel} unexplained, and {after} if grf_vertical, grf_forward and cop_x "
-        f"are shifted by this time; state '{1e3 * found.delay:.0f} ms' for each of the three under [delay] or "
-        "[trial.delay], or, if the file of the plate is that of another trial, exchange it"
+        f"are shifted by this time; {_advise(trial, found.delay)} under [delay] or [trial.delay], or, if the file of "
+        "the plate is that of another trial, exchange it"
     )
     return Finding("plate-delay", f"trial '{trial.name}'", statement)
+
+
+def _advise(trial: Trial, delay: float) -> str:
+    """Return which delays to state, where ``delay`` [s] remains beside those that ``trial`` states already."""
+    totals = {name: f"{1e3 * (trial.delays.get(name, 0.0) + delay):.0f} ms" for name in PLATE_CHANNELS}
+    if len(set(totals.values())) == 1:
+        advice = f"state '{totals[PLATE_CHANNELS[0]]}' for each of the three"
+    else:
+        advice = "state " + ", ".join(f"{name} = '{total}'" for name, total in totals.items())
+    is_stated = any(trial.delays.get(name) for name in PLATE_CHANNELS)
+    return f"{advice} in place of the delay stated now" if is_stated else advice
