@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 from klute_sim.datasets import checks, declarations, mechanism_checks
 from klute_sim.datasets import format as file_format
-from klute_sim.datasets.channels import TENSION_CHANNELS, TIME_COLUMN, ChannelSource, RigName, resolve_channel
+from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, RigName, resolve_channel
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
-from klute_sim.datasets.file_remarks import describe_accepted, merge_file_remarks
 from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.initial_state import check_initial_state, parse_initial_state
 from klute_sim.datasets.mechanism import DatasetMechanism, check_model_numbers, load_dataset_mechanism
 from klute_sim.datasets.muscle_diameter import scale_muscle
+from klute_sim.datasets.remarks import collect_file_remarks, describe_accepted, describe_scope
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses, split_trials
 from klute_sim.datasets.trial import InitialState, SensorLimits, Trial, TrialChannels, read_trial
 from klute_sim.device import device as device_files
@@ -27,8 +27,6 @@ from klute_sim.files.reading import MissingFileError, read_bytes
 from klute_sim.plausibility.finding import Finding, require_accepted
 
 DATASET_FILE_NAME = "dataset.toml"
-MAX_LISTED_TRIALS = 5
-"""Maximum number of trials that one remark lists."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -183,10 +181,10 @@ def load_dataset(
         digest=digest.hexdigest(),
         remarks=(
             *size_remarks,
-            *_collect_remarks(trials, [channels.remarks for channels in contents]),
+            *collect_file_remarks(trials, [channels.remarks for channels in contents]),
             *unmapped_remarks,
             *mechanism_checks.describe_trials(mechanism, trials),
-            *_describe_scope(trials, file.rig),
+            *describe_scope(trials, file.rig),
             *describe_accepted(accepted, file.accept, source),
         ),
         accepted=accepted,
@@ -315,34 +313,6 @@ def _check_unmapped(contents: Sequence[TrialChannels], source: ChannelSource) ->
 def split_dataset(dataset: Dataset) -> Split:
     """Return the split of ``dataset`` into trials for fit, validation and test; it is always the same."""
     return split_trials(dataset.trials, str(dataset.folder / DATASET_FILE_NAME))
-
-
-def _collect_remarks(trials: Sequence[Trial], file_remarks: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return the remarks about each file once, and the channels that a trial with remarks lacks and its repeats have.
-
-    A misnamed column causes both.
-    """
-    remarks: dict[str, None] = {}
-    for trial, trial_remarks in zip(trials, file_remarks, strict=True):
-        if not trial_remarks:
-            continue
-        channels_of_repeats = {c: None for other in trials if other.group == trial.group for c in other.measured}
-        missing = [channel for channel in channels_of_repeats if channel not in trial.measured]
-        remarks |= dict.fromkeys(trial_remarks)
-        if missing:
-            remarks[f"trial '{trial.name}' has no {' and no '.join(missing)}, which its repeats have"] = None
-    return merge_file_remarks(list(remarks))
-
-
-def _describe_scope(trials: Sequence[Trial], rig: RigName) -> list[str]:
-    """Return a remark about bench trials that show the supply only, where others show the device."""
-    limited = [trial for trial in trials if TENSION_CHANNELS.isdisjoint(trial.measured)]
-    if rig != "bench" or len(limited) in (0, len(trials)):
-        return []
-    names = [f"'{trial.name}'" for trial in limited]
-    listed = ", ".join(names[:MAX_LISTED_TRIALS]) + (" and others" if len(names) > MAX_LISTED_TRIALS else "")
-    noun, verb = ("trials", "measure") if len(names) > 1 else ("trial", "measures")
-    return [f"{noun} {listed} {verb} neither force nor muscle_length, and can show the supply only"]
 
 
 def _read_content(folder: Path) -> bytes:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.datasets.dataset import MAX_LISTED_TRIALS, Dataset
+from klute_sim.datasets.dataset import Dataset
+from klute_sim.datasets.remarks import MAX_LISTED_TRIALS
 from klute_sim.datasets.trial import MIN_SAMPLES
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, MAX_WARM_UP_TIME, Experiment
 from klute_sim.diagnosis.experiments.simulator import Simulator

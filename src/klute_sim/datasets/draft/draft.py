@@ -16,8 +16,8 @@ from klute_sim.datasets.draft.lengths import interpret_lengths
 from klute_sim.datasets.draft.repeats import group_repeats
 from klute_sim.datasets.draft.specimens import RestingLength, find_resting_lengths, question_specimens
 from klute_sim.datasets.draft.units import assume_units
-from klute_sim.datasets.file_remarks import merge_file_remarks
 from klute_sim.datasets.format import FORMAT_NAME
+from klute_sim.datasets.remarks import merge_file_remarks
 from klute_sim.datasets.trial import MIN_SAMPLES
 from klute_sim.datasets.trial_files.column_assignment import format_columns
 from klute_sim.datasets.trial_files.sources import MAT_SUFFIXES, PARQUET_SUFFIXES
