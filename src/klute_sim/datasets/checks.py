@@ -1,6 +1,6 @@
 """Plausibility of the trials of a dataset: hands their channels and their devices to the checks."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from klute_sim.laws.mckibben import lock_length
 from klute_sim.plausibility.bench.check import check_bench_trials
 from klute_sim.plausibility.bench.trial import SI_UNITS, Channel, DeviceLimits, RecordedTrial, Response, Simulate
 from klute_sim.plausibility.device_numbers import check_device_numbers
-from klute_sim.plausibility.finding import Finding, check_accepted_names
+from klute_sim.plausibility.finding import Finding, TrialFindings, check_accepted_names
 from klute_sim.plausibility.gait.device import check_walk_device
 from klute_sim.plausibility.gait.positions import ScaledSeries
 from klute_sim.plausibility.gait.steps import Series
@@ -35,10 +35,13 @@ MAX_CLOCK_ERROR = 0.01
 """Largest relative error of the interval between samples that clocks and rounded times have (assumed)."""
 
 
-def find_implausible(rig: ChannelSource, trials: Sequence[Trial], contents: Sequence[TrialChannels]) -> list[Finding]:
+def find_implausible(
+    rig: ChannelSource, trials: Sequence[Trial], contents: Sequence[TrialChannels], accepted: Collection[str]
+) -> TrialFindings:
     """Return what is implausible in ``trials`` of a bench or gait; ``contents`` holds what was read from their files.
 
-    Of a device that is commanded by valve opening, only the motion and the loads of gait trials are examined.
+    ``accepted`` holds names of findings that the user accepts. Of a device that is commanded by valve opening, only the
+    motion and the loads of gait trials are examined.
     """
     if rig == "bench":
         return check_bench_trials(
@@ -46,7 +49,8 @@ def find_implausible(rig: ChannelSource, trials: Sequence[Trial], contents: Sequ
                 _describe_trial(trial, content, rig)
                 for trial, content in zip(trials, contents, strict=True)
                 if not _is_commanded_by_opening(trial)
-            ]
+            ],
+            accepted,
         )
     findings: list[Finding] = []
     device_findings: list[Finding] = []
@@ -57,7 +61,7 @@ def find_implausible(rig: ChannelSource, trials: Sequence[Trial], contents: Sequ
         if not _is_commanded_by_opening(trial):
             device_findings += check_walk_device(_describe_trial(trial, content, rig), None if found else walk)
     findings += device_findings
-    return findings
+    return TrialFindings(findings, frozenset(finding.place for finding in findings))
 
 
 def _is_commanded_by_opening(trial: Trial) -> bool:

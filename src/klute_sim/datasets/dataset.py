@@ -102,15 +102,15 @@ def load_dataset(
     folder: str | Path,
     device: Device | None = None,
     accept: Collection[str] = (),
-    find_in_walks: Callable[[Sequence[Trial]], list[Finding]] = lambda trials: [],
+    find_in_walks: Callable[[Sequence[Trial], Collection[str]], list[Finding]] = lambda trials, accepted: [],
 ) -> Dataset:
     """Read and check the dataset in ``folder``.
 
     ``device`` replaces the one that the dataset names and is of the diameter of the trials: table ``[diameter]`` does
     not change it. ``accept`` holds names of findings about implausible trials that are right nevertheless, in addition
-    to those that the dataset accepts. ``find_in_walks`` returns the findings in gait trials that have no others, as
-    :func:`klute_sim.gait.replay.recording_mistakes.find_recording_mistakes` does. Raises InputError with one sentence
-    that says what is wrong, where, and what is allowed.
+    to those that the dataset accepts. ``find_in_walks`` returns the findings in gait trials that have no others, given
+    the names of all accepted ones, as :func:`klute_sim.gait.replay.recording_mistakes.find_recording_mistakes` does.
+    Raises InputError with one sentence that says what is wrong, where, and what is allowed.
     """
     folder = Path(folder)
     content = _read_content(folder)
@@ -147,16 +147,19 @@ def load_dataset(
             checks.check_supply(trials[-1], source)
         contents.append(channels)
     unmapped_remarks = _check_unmapped(contents, channel_source)
-    findings = [
-        *checks.find_implausible_changes(trials, [entry.device for entry in file.trial]),
-        *(
-            checks.find_implausible(channel_source, trials, contents)
-            if mechanism is None
-            else mechanism_checks.find_implausible(mechanism, trials, [channels.units for channels in contents], source)
-        ),
-    ]
+    accepted_names = {*file.accept, *accept}
+    found = (
+        checks.find_implausible(channel_source, trials, contents, accepted_names)
+        if mechanism is None
+        else mechanism_checks.find_implausible(
+            mechanism, trials, [channels.units for channels in contents], source, accepted_names
+        )
+    )
+    changes = checks.find_implausible_changes(trials, [entry.device for entry in file.trial])
+    findings = [*changes, *found.findings]
     checks.check_accepted(accept, findings, channel_source, known_values)
-    accepted = require_accepted(findings, {*file.accept, *accept})
+    accepted = require_accepted(findings, accepted_names)
+    questioned = [trial for trial in trials if f"trial '{trial.name}'" in found.questioned_places]
     entries = [*zip(trials, file.trial, strict=True)]
     fitted = split_trials(trials, source).fit
     fit_entries = [(trial, entry) for trial, entry in entries if trial.name in fitted]
@@ -170,8 +173,9 @@ def load_dataset(
             check_duration(series.time, f"{source}, trial '{trial.name}'")
         if file.rig == "gait":
             checks.check_motion_rate(trial, source)
-    if file.rig == "gait" and not accepted:
-        accepted = require_accepted(find_in_walks(trials), {*file.accept, *accept})
+    if file.rig == "gait":
+        walks = [trial for trial in trials if trial not in questioned]
+        accepted += require_accepted(find_in_walks(walks, accepted_names), accepted_names)
     return Dataset(
         folder=folder,
         rig=file.rig,
@@ -185,7 +189,7 @@ def load_dataset(
             *unmapped_remarks,
             *mechanism_checks.describe_trials(mechanism, trials),
             *describe_scope(trials, file.rig),
-            *describe_accepted(accepted, file.accept, source),
+            *describe_accepted(accepted, file.accept, source, questioned),
         ),
         accepted=accepted,
         tolerance=tolerance,

@@ -1,6 +1,6 @@
 """Plausibility of the trials of a mechanism: hands channels, devices and numbers of the model to the checks."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import mujoco
 
@@ -18,7 +18,7 @@ from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers
 from klute_sim.plausibility.bench.magnitudes import check_device_channels, check_missing_value_codes
 from klute_sim.plausibility.bench.trial import SI_UNITS, Channel, RecordedTrial
-from klute_sim.plausibility.finding import Finding
+from klute_sim.plausibility.finding import Finding, TrialFindings, are_accepted
 from klute_sim.plausibility.gravity import check_gravity
 from klute_sim.plausibility.joint_angle import check_joint_angle
 from klute_sim.plausibility.mechanism import check_stuck_joint, check_tendon_pressures
@@ -27,19 +27,25 @@ from klute_sim.plausibility.samples import Samples
 
 
 def find_implausible(
-    mechanism: DatasetMechanism, trials: Sequence[Trial], units: Sequence[Mapping[str, str]], source: str
-) -> list[Finding]:
+    mechanism: DatasetMechanism,
+    trials: Sequence[Trial],
+    units: Sequence[Mapping[str, str]],
+    source: str,
+    accepted: Collection[str],
+) -> TrialFindings:
     """Return what is implausible in ``trials``; ``units`` holds the units in the headings of each.
 
-    Raises InputError for a channel that the dataset names as measured and that no trial has, and for pressures of a
-    device without a supply.
+    ``accepted`` holds names of findings that the user accepts: a model whose numbers are accepted is compared with the
+    trials. Raises InputError for a channel that the dataset names as measured and that no trial has, and for pressures
+    of a device without a supply.
     """
     _check_measured_channels(mechanism, trials, source)
     for trial in trials:
         _check_supplies(trial, source)
     model = compile_model(mechanism.file.make_spec())
     stops, moved_tendons = list_stops(model), find_moved_tendons(model)
-    findings = _find_implausible_model(mechanism, model, trials)
+    model_findings = _find_implausible_model(mechanism, model, trials)
+    findings: list[Finding] = []
     by_tendon: dict[str, list[RecordedTrial]] = {tendon: [] for tendon in mechanism.devices}
     for trial, trial_units in zip(trials, units, strict=True):
         samples = collect_samples(trial, trial_units, mechanism.channels)
@@ -58,9 +64,21 @@ def find_implausible(
             if name.startswith(("angle_", "position_")):
                 driving = [each for tendon, each in devices.items() if tendon in moved_tendons.get(name, ())]
                 findings += _check_position(trial, channel.samples, stops.get(name), driving)
-    by_tendon = {tendon: each for tendon, each in by_tendon.items() if each}
-    findings += check_tendon_pressures(by_tendon)
-    return findings or check_motion(mechanism, trials, units, by_tendon)
+    findings += check_tendon_pressures({tendon: each for tendon, each in by_tendon.items() if each})
+    questioned_places = frozenset(finding.place for finding in findings)
+    findings = [*model_findings, *findings]
+    if are_accepted(findings, accepted):
+        trusted = [
+            (trial, trial_units)
+            for trial, trial_units in zip(trials, units, strict=True)
+            if f"trial '{trial.name}'" not in questioned_places
+        ]
+        devices_of_trusted = {
+            tendon: [each for each in recorded if each.place not in questioned_places]
+            for tendon, recorded in by_tendon.items()
+        }
+        findings += check_motion(mechanism, trusted, devices_of_trusted, accepted)
+    return TrialFindings(findings, questioned_places)
 
 
 def describe_trials(mechanism: DatasetMechanism | None, trials: Sequence[Trial]) -> list[str]:

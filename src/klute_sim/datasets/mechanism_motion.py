@@ -1,6 +1,6 @@
 """Motion of the joint in the trials of a mechanism, compared with the declared model and with the other trials."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from klute_sim.datasets.mechanism_channels import normalize_name, parse_channel
 from klute_sim.datasets.mechanism_statics import Statics, compute_statics
 from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.plausibility.bench.trial import RecordedTrial
-from klute_sim.plausibility.finding import Finding
+from klute_sim.plausibility.finding import Finding, are_accepted
 from klute_sim.plausibility.joint_course import Course, check_courses, check_exchanged_pressures
 from klute_sim.types import Array
 
@@ -28,23 +28,23 @@ MIN_STARTS = 3
 
 def check_motion(
     mechanism: DatasetMechanism,
-    trials: Sequence[Trial],
-    units: Sequence[Mapping[str, str]],
+    trials: Sequence[tuple[Trial, Mapping[str, str]]],
     devices: Mapping[str, Sequence[RecordedTrial]],
+    accepted: Collection[str],
 ) -> list[Finding]:
     """Return what is implausible in the course of the position of the only joint, and in exchanged pressures.
 
-    ``devices`` holds the channels of the device on each tendon.
+    Each trial comes with the units in its headings. ``devices`` holds the channels of the device on each tendon, and
+    ``accepted`` names of findings that the user accepts. Exchanged pressures explain what the course shows.
     """
-    findings = check_courses(_list_courses(mechanism, trials, units))
+    findings = check_courses(_list_courses(mechanism, trials))
     channels = {tendon: normalize_name(tendon) for tendon in devices}
     moves_back = any(finding.name.endswith("-sign") for finding in findings)
-    return check_exchanged_pressures(devices, channels, moves_back=moves_back) or findings
+    exchanged = check_exchanged_pressures(devices, channels, moves_back=moves_back)
+    return [*exchanged, *findings] if are_accepted(exchanged, accepted) else exchanged
 
 
-def _list_courses(
-    mechanism: DatasetMechanism, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]
-) -> list[Course]:
+def _list_courses(mechanism: DatasetMechanism, trials: Sequence[tuple[Trial, Mapping[str, str]]]) -> list[Course]:
     """Return the courses of the only joint; none unless the devices alone move it, under pressures."""
     prescribed = [parse_channel(name) for name in mechanism.channels.prescribed]
     names = [name for name in mechanism.channels.measured if parse_channel(name).quantity in ("angle", "position")]
@@ -52,14 +52,14 @@ def _list_courses(
         return []
     cache: dict[tuple[object, ...], Statics | None] = {}
     courses = []
-    for trial, trial_units in zip(trials, units, strict=True):
+    for trial, units in trials:
         key = (*trial.model_numbers.items(), *(device.digest for device in trial.devices.values()))
         if key not in cache:
             cache[key] = compute_statics(mechanism, trial.devices, trial.model_numbers)
         statics = cache[key]
         if statics is None or names[0] not in trial.measured:
             continue
-        samples = collect_samples(trial, trial_units, mechanism.channels)[names[0]]
+        samples = collect_samples(trial, units, mechanism.channels)[names[0]]
         step = -(-len(samples.value) // MAX_SAMPLES)
         time = trial.measured[names[0]].time[::step]
         pressures = {

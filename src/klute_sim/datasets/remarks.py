@@ -47,14 +47,33 @@ def describe_scope(trials: Sequence[Trial], rig: RigName) -> list[str]:
     limited = [trial for trial in trials if TENSION_CHANNELS.isdisjoint(trial.measured)]
     if rig != "bench" or len(limited) in (0, len(trials)):
         return []
-    names = [f"'{trial.name}'" for trial in limited]
-    listed = ", ".join(names[:MAX_LISTED_TRIALS]) + (" and others" if len(names) > MAX_LISTED_TRIALS else "")
-    noun, verb = ("trials", "measure") if len(names) > 1 else ("trial", "measures")
-    return [f"{noun} {listed} {verb} neither force nor muscle_length, and can show the supply only"]
+    noun, verb = ("trials", "measure") if len(limited) > 1 else ("trial", "measures")
+    return [f"{noun} {_list_names(limited)} {verb} neither force nor muscle_length, and can show the supply only"]
 
 
-def describe_accepted(accepted: Sequence[Finding], names: Sequence[str], source: str) -> list[str]:
-    """Return a remark for each accepted finding and for each of ``names`` in the file that accepts nothing."""
+def describe_accepted(
+    accepted: Sequence[Finding], names: Sequence[str], source: str, questioned: Sequence[Trial]
+) -> list[str]:
+    """Return a remark for each accepted finding and for each of ``names`` in the file that accepts nothing.
+
+    One more remark names the ``questioned`` trials, which further checks leave out.
+    """
     found = {finding.name for finding in accepted}
-    unused = [f"{source}: 'accept' names '{name}', which was not found" for name in names if name not in found]
-    return [*(f"accepted: {finding.sentence}" for finding in accepted), *unused]
+    scope = " in trials without accepted findings" if questioned else ""
+    return [
+        *(f"accepted: {finding.sentence}" for finding in accepted),
+        *_describe_questioned(questioned),
+        *(f"{source}: 'accept' names '{name}', which was not found{scope}" for name in names if name not in found),
+    ]
+
+
+def _describe_questioned(trials: Sequence[Trial]) -> list[str]:
+    if not trials:
+        return []
+    noun = "trials" if len(trials) > 1 else "trial"
+    return [f"further checks left out {noun} {_list_names(trials)}, because findings there are accepted"]
+
+
+def _list_names(trials: Sequence[Trial]) -> str:
+    names = [f"'{trial.name}'" for trial in trials]
+    return ", ".join(names[:MAX_LISTED_TRIALS]) + (" and others" if len(names) > MAX_LISTED_TRIALS else "")

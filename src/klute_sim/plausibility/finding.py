@@ -32,6 +32,16 @@ class Finding(NamedTuple):
         return f"{self.place}: {self.statement}"
 
 
+class TrialFindings(NamedTuple):
+    """What is implausible in the trials of a dataset."""
+
+    findings: list[Finding]
+    """Findings in the order of the checks."""
+    questioned_places: frozenset[str]
+    """Places of the findings about the channels of single trials. Further checks leave these trials out: accepted
+    channels may be unusual."""
+
+
 class ImplausibleInputError(InputError):
     """A file is readable, but holds something implausible that the user has not accepted."""
 
@@ -39,6 +49,11 @@ class ImplausibleInputError(InputError):
         """Report ``findings`` with the sentence ``message``."""
         super().__init__(message)
         self.findings = tuple(findings)
+
+
+def are_accepted(findings: Iterable[Finding], accepted: Collection[str]) -> bool:
+    """Return whether all ``findings`` are among the names that the user accepts; further checks need this."""
+    return all(finding.name in accepted for finding in findings)
 
 
 def format_options(names: Sequence[str]) -> str:

@@ -1,20 +1,21 @@
 """Mistakes in the recording of walks that only a replay of the device shows."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from klute_sim.datasets.trial import Trial
 from klute_sim.gait.replay.absolute_pressures import find_absolute_pressures
 from klute_sim.gait.replay.measured_trial import MeasuredTrial
 from klute_sim.gait.replay.plate_delay import find_plate_delays
-from klute_sim.plausibility.finding import Finding
+from klute_sim.plausibility.finding import Finding, are_accepted
 
 
-def find_recording_mistakes(trials: Sequence[Trial]) -> list[Finding]:
+def find_recording_mistakes(trials: Sequence[Trial], accepted: Collection[str] = ()) -> list[Finding]:
     """Return what the replays of gait ``trials`` show to be implausible.
 
-    Of a device that is commanded by valve opening, the pressures are not examined.
+    ``accepted`` holds names of findings that the user accepts: absolute pressures that are not accepted make a replay
+    meaningless. Of a device that is commanded by valve opening, the pressures are not examined.
     """
     measured = [MeasuredTrial(trial) for trial in trials]
     has_pressures = all(trial.device.parameters.supply.command_is_opening == 0.0 for trial in trials)
     pressures = find_absolute_pressures(measured) if has_pressures else []
-    return pressures or find_plate_delays(measured)
+    return [*pressures, *find_plate_delays(measured)] if are_accepted(pressures, accepted) else pressures

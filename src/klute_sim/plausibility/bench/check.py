@@ -1,7 +1,7 @@
 """All checks of the trials of a bench in order: what is wrong with the inputs makes a simulation meaningless."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -20,12 +20,12 @@ from klute_sim.plausibility.bench.magnitudes import (
 from klute_sim.plausibility.bench.mistakes import Mistake, list_mistakes, list_time_units
 from klute_sim.plausibility.bench.others import TIE, confirm_calibration, confirm_mistake
 from klute_sim.plausibility.bench.trial import RecordedTrial
-from klute_sim.plausibility.finding import Finding
+from klute_sim.plausibility.finding import Finding, TrialFindings, are_accepted
 from klute_sim.plausibility.units import format_range
 
 
-def check_bench_trials(trials: Sequence[RecordedTrial]) -> list[Finding]:
-    """Return what is implausible in ``trials``."""
+def check_bench_trials(trials: Sequence[RecordedTrial], accepted: Collection[str] = ()) -> TrialFindings:
+    """Return what is implausible in ``trials``; ``accepted`` holds names of findings that the user accepts."""
     findings: list[Finding] = []
     assessments = []
     for recorded in trials:
@@ -46,12 +46,23 @@ def check_bench_trials(trials: Sequence[RecordedTrial]) -> list[Finding]:
             mistake = _find_mistake(assessment, assessments)
             findings += mistake or assessment.magnitudes or check_dropouts(assessment.trial)
     # A wrong unit of time makes every simulation of a trial meaningless, so what else one seems to show is not told.
-    findings = [finding for finding in findings if finding.name == "time-unit"] or findings
-    return (
-        findings
-        or check_force_geometry(assessments)
-        or check_all_commands([each.trial for each in assessments if not _explains_force(each)])
-    )
+    if "time-unit" not in accepted:
+        findings = [finding for finding in findings if finding.name == "time-unit"] or findings
+    questioned_places = frozenset(finding.place for finding in findings)
+    if are_accepted(findings, accepted):
+        trusted = [each for each in assessments if each.trial.place not in questioned_places]
+        findings += _check_together(trusted, accepted)
+    return TrialFindings(findings, questioned_places)
+
+
+def _check_together(assessments: Sequence[Assessment], accepted: Collection[str]) -> list[Finding]:
+    """Return what is implausible in trials that have no findings of their own."""
+    findings = check_force_geometry(assessments)
+    if not are_accepted(findings, accepted):
+        return findings
+    places = {finding.place for finding in findings}
+    others = [each for each in assessments if each.trial.place not in places and not _explains_force(each)]
+    return [*findings, *check_all_commands([each.trial for each in others])]
 
 
 def _mark_wrong_lengths(assessments: Sequence[Assessment]) -> None:
