@@ -27,7 +27,7 @@ from tests.diagnosis.synthetic_dataset import make_repeats
 DEVICE = load_device("klute-3-4-pair")
 COULOMB, STRIBECK = EffectTerm("seal_friction", "coulomb"), EffectTerm("seal_friction", "stribeck")
 RELAXATION, THRESHOLD = EffectTerm("bladder_relaxation", "maxwell"), EffectTerm("threshold_pressure", "constant")
-GAIN = EffectTerm("sensor_gain", "linear", "force")
+GAIN, HOSE = EffectTerm("sensor_gain", "linear", "force"), EffectTerm("hose", "tube")
 AT_BOUND, INSIDE = 3.0, 0.6
 """Stick fractions of a Stribeck friction: its largest one, and one within its bounds."""
 
@@ -106,12 +106,13 @@ def test_final_fit_at_a_bound_takes_a_simpler_form_that_explains_the_data(
 
 @pytest.mark.parametrize("has_equivalent", [True, False])
 @pytest.mark.parametrize("verdict", ["identified", "unexplained"])
+@pytest.mark.parametrize("at_bound", [make_fit(RELAXATION, time_constant_s=100.0), make_fit(HOSE, length_m=0.02)])
 def test_adequate_model_at_a_bound_is_not_named(
-    verdict: Verdict, has_equivalent: bool, data: WeightedData, monkeypatch: pytest.MonkeyPatch
+    at_bound: Fit, verdict: Verdict, has_equivalent: bool, data: WeightedData, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An equivalent model takes its place; without any, left-out conditions decide."""
+    """An equivalent model takes its place; without any, left-out conditions decide. A short hose is a nozzle."""
     search, options = ForwardSelection(data, [], []), DiagnosisOptions()
-    at_bound, other = make_fit(RELAXATION, time_constant_s=100.0), make_fit(COULOMB)
+    other = make_fit(COULOMB)
 
     def find_models(search: ForwardSelection, fit: Fit) -> list[EquivalentModel]:
         return [EquivalentModel(other, 3.0)] if has_equivalent and fit is at_bound else []

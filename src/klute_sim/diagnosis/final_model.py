@@ -24,6 +24,7 @@ from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import (
     describe_coincidence,
+    find_infeasible_terms,
     find_naming_obstacle,
     find_numbers_at_limit,
     find_terms_at_bound,
@@ -111,7 +112,9 @@ def select_adequate_model(
 
 
 def _has_value_at_bound(fit: Fit) -> bool:
-    return bool(find_terms_at_bound(fit) or (fit.hypothesis.terms and find_numbers_at_limit(fit)))
+    """Return whether ``fit`` has a parameter or a number at its bound, or parameters that no part has."""
+    at_bound = find_terms_at_bound(fit) or find_infeasible_terms(fit)
+    return bool(at_bound or (fit.hypothesis.terms and find_numbers_at_limit(fit)))
 
 
 def select_decisive_term(
