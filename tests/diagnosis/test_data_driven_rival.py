@@ -15,9 +15,10 @@ from klute_sim.diagnosis.discrepancy.data_driven_rival import (
     find_adequate_term,
     find_data_driven_rival,
     find_decisive_term,
+    find_rival_of_number,
     locate_term,
 )
-from klute_sim.diagnosis.discrepancy.sparse_regression import _eliminate_functions
+from klute_sim.diagnosis.discrepancy.sparse_regression import DataDrivenTermResult, _eliminate_functions
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
@@ -51,6 +52,38 @@ def test_elimination_keeps_the_true_functions() -> None:
     subsets = _eliminate_functions(functions, target)
     assert [len(subset) for subset in subsets] == [6, 5, 4, 3, 2, 1]
     assert subsets[-2:] == [[1, 4], [1]]
+
+
+RATIO = EffectTerm("number_error", "value", number="muscle.braid_length_ratio")
+TURNS = EffectTerm("number_error", "value", number="muscle.turns_per_m")
+
+
+@pytest.mark.parametrize(
+    ("terms", "errors", "is_likely"),
+    [
+        ((RATIO,), [2.9], True),
+        ((RATIO,), [-3.1], False),
+        ((RATIO, TURNS), [1.0, 3.5], False),
+        ((RATIO, TAPER), [5.0, 0.1], True),  # a number beside an effect
+    ],
+)
+def test_number_that_is_wrong_by_an_implausible_amount_has_a_rival(
+    terms: tuple[EffectTerm, ...], errors: list[float], is_likely: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base, named = make_fit(()), make_fit(terms, errors)
+    free = make_fit((EffectTerm("unknown_force", "sparse", parameter_keys=("pressure_n",)),))
+    data = WeightedData(Simulator(1), [], {})
+    results = [DataDrivenTermResult(free, "", "muscle and damper"), DataDrivenTermResult(None, "no term")]
+    monkeypatch.setattr(data_driven_rival, "compute_equation_residuals", lambda *_: [])
+    monkeypatch.setattr(data_driven_rival, "compute_bic_difference", lambda *_: 60.0)
+    monkeypatch.setattr(data_driven_rival, "fit_data_driven_term", lambda *_, **__: results[0])
+    rival = find_rival_of_number(ForwardSelection(data, [], []), base, named)
+    assert (rival is None) == is_likely
+    if rival is not None:
+        assert rival.model.fit is free
+        assert "times its plausible error (assumed), so an effect in the equation of muscle and" in rival.sentence
+        results.pop(0)  # nothing represents the misfit
+        assert find_rival_of_number(ForwardSelection(data, [], []), base, named) is None
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from klute_sim.diagnosis.discrepancy.data_driven_rival import (
     compute_refusal_threshold,
     find_data_driven_rival,
     find_decisive_term,
+    find_rival_of_number,
 )
 from klute_sim.diagnosis.discrepancy.imitation import compare_with_data_driven_models
 from klute_sim.diagnosis.discrepancy.sparse_regression import add_data_driven_term
@@ -94,6 +95,8 @@ def select_adequate_model(
         return _refuse_names(search, base_fit, final_fit, data_driven_model, options)
     equivalent_models += [data_driven_model] if data_driven_model else []
     verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
+    if verdict == "identified" and (rival := find_rival_of_number(search, base_fit, final_fit, options.exclude)):
+        verdict, equivalent_models, reasons = "indistinguishable", [rival.model], [rival.sentence, *reasons]
     if verdict == "unexplained":  # proxies have no alternatives
         equivalent_models = []
     if verdict in ("identified", "indistinguishable") and _has_value_at_bound(final_fit):

@@ -34,9 +34,22 @@ linearisation underestimates the gain of frictions by almost as much)."""
 MIN_NAMED_SHARE = 0.6
 """Share of the fall of chi squared with the term, from which on names are listed beside it (assumed: as where the law
 is imperfect, :mod:`klute_sim.diagnosis.selection.predictive_selection`)."""
+MAX_NUMBER_SIGMAS = 3.0
+"""Error of a number, in plausible errors, up to which it may be the only name (assumed: a larger one is rarer than an
+effect that is in no catalogue; simulated numbers were wrong by up to three, and those that two thick walls imitated by
+3.4 and 3.7)."""
 MIN_CONTAINED_SHARE = 0.99
 """Share of a name's squared sensitivity that the functions of a term explain, from which on the term contains the name
 (assumed; it is 1 where a function is the law of the name, such as Coulomb friction)."""
+
+
+class RivalOfNumber(NamedTuple):
+    """An effect that is in no catalogue, in place of a number that would be wrong by an implausible amount."""
+
+    model: EquivalentModel
+    """The data-driven term that explains most; the effect may explain more."""
+    sentence: str
+    """Why the number is not the only name."""
 
 
 class AdequateTerm(NamedTuple):
@@ -104,6 +117,36 @@ def find_data_driven_rival(
     if contains_names(term_fit, named_fit, names) or not predicts_as_well(search, term_fit, named_fit):
         return None
     return EquivalentModel(term_fit, bic_difference)
+
+
+def find_rival_of_number(
+    search: ForwardSelection, base_fit: Fit, named_fit: Fit, exclude: Collection[str] = ()
+) -> RivalOfNumber | None:
+    """Return the rival of names that are only numbers, one of them wrong by an implausible amount.
+
+    Returns None where all numbers are off by at most :data:`MAX_NUMBER_SIGMAS` plausible errors, or where no
+    data-driven term represents the misfit. ``exclude`` names effects that are not candidates.
+    """
+    names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
+    if not names or not all(term.number for term in names):
+        return None
+    errors = {
+        named_fit.hypothesis.terms[parameter.term_index]: abs(float(x))
+        for parameter, x in zip(named_fit.hypothesis.parameters, named_fit.x, strict=True)
+        if parameter.term_index is not None
+    }
+    term = max(names, key=lambda name: errors[name])
+    if errors[term] <= MAX_NUMBER_SIGMAS:
+        return None
+    residuals = compute_equation_residuals(search.data, base_fit)
+    fitted = fit_data_driven_term(search, base_fit, residuals, exclude, max_supports=1)
+    if fitted.fit is None:
+        return None
+    sentence = (
+        f"{term} would be wrong by {errors[term]:.1f} times its plausible error (assumed), so an effect in the "
+        f"equation of {fitted.equation} that is in no catalogue is as likely. Measure the number."
+    )
+    return RivalOfNumber(EquivalentModel(fitted.fit, compute_bic_difference(search, fitted.fit, named_fit)), sentence)
 
 
 def contains_names(term_fit: Fit, named_fit: Fit, names: Iterable[EffectTerm]) -> bool:
