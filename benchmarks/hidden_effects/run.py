@@ -283,6 +283,7 @@ def main() -> None:
     parser.add_argument("--block", choices=tuple(BLOCK_SIZES), action="append", help="may be repeated  [default: all]")
     parser.add_argument("--count", type=int, help="datasets of every block  [default: as many as tell enough]")
     parser.add_argument("--split", choices=tuple(SPLIT_SEEDS), default="development", help="[default: development]")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of your own in place of that of the split")
     parser.add_argument("--shard", default="1/1", metavar="I/N", help="do the I-th of N parts  [default: 1/1]")
     parser.add_argument("--at-once", type=int, default=1, metavar="N", help="datasets at once  [default: 1]")
     parser.add_argument("--baselines", action="store_true", help="run the other methods, too")
@@ -295,7 +296,8 @@ def main() -> None:
     except ModuleNotFoundError as error:
         parser.error(str(error))
     blocks = [block for block in arguments.block or BLOCK_SIZES if not (methods and get_rig(block) != "bench")]
-    specs = list(_iter_specs(blocks, arguments.count, SPLIT_SEEDS[arguments.split], arguments.shard))
+    seed = SPLIT_SEEDS[arguments.split] if arguments.seed is None else arguments.seed
+    specs = list(_iter_specs(blocks, arguments.count, seed, arguments.shard))
     console = Console(stderr=True)
     run = BenchmarkRun(arguments.out, max(1, (os.cpu_count() or 1) // arguments.at_once), methods)
     if arguments.finished:
@@ -315,7 +317,7 @@ def main() -> None:
         others = {method: [method_results[method] for _, method_results in completed] for method in methods}
     if arguments.page:
         head = {
-            "split": arguments.split,
+            "split": arguments.split if arguments.seed is None else f"seed {seed}",
             "code": compute_code_digest(),
             "datasets": len(rows),
             "at once": arguments.at_once,
