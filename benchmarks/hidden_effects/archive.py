@@ -1,8 +1,8 @@
 """Archive the truths and verdicts of a run, so that anybody can score them again or continue the run.
 
-    python -m benchmarks.hidden_effects.archive OUT benchmarks/hidden_effects/results/test_909.tar.xz
-    tar -xf benchmarks/hidden_effects/results/test_909.tar.xz -C OUT           # OUT exists
-    python -m benchmarks.hidden_effects.run OUT --split test --finished
+    python -m benchmarks.hidden_effects.archive OUT benchmarks/hidden_effects/results/test_1313.tar.xz
+    tar -xf benchmarks/hidden_effects/results/test_1313.tar.xz -C OUT           # OUT exists
+    python -m benchmarks.hidden_effects.run OUT --seed 1313 --finished
 
 OUT is a folder of :mod:`benchmarks.hidden_effects.run`. Datasets are left out: they follow from their seeds.
 """
