@@ -126,7 +126,11 @@ class PredictiveSelection:
         models = sorted([base, *map(self.assess, fits.values())], key=rank_model)
         for model in models[:MAX_FINISHED]:
             models = self._add_simplified(model, models)
-        models = [self._admit_numbers(base, m) if k < MAX_FINISHED else m for k, m in enumerate(models)]
+        # A single name that is refused refuses the sets that contain it, too.
+        models = [
+            self._admit_numbers(base, model) if rank < MAX_FINISHED or len(model.terms) == 1 else model
+            for rank, model in enumerate(models)
+        ]
         n_finished = 0
         while True:  # a model that is fitted to the end may reach a bound, or fall behind another one
             leading = [model for model in models if not model.obstacle][:MAX_LEADING]
@@ -179,10 +183,11 @@ class PredictiveSelection:
         """Return ``model``; it may be named with numbers at the limit of their uncertainty if its terms need no limit.
 
         The error of the law moves numbers, too. The terms need no limit if all but :data:`MIN_TERM_SHARE` of what they
-        gain over ``base`` remains with these numbers as declared.
+        gain over ``base`` remains with these numbers as declared. A model that takes less than :data:`MIN_SHARE` of the
+        error of ``base`` is not worth a name.
         """
         obstacle = find_naming_obstacle(self.data, model.fit, needs_numbers_at_limit=False)
-        if not model.terms or not np.isfinite(model.error) or obstacle == model.obstacle:
+        if obstacle == model.obstacle or not base.error - model.error >= MIN_SHARE * base.error:
             return model
         declared = keep_numbers_at_limit(self.data, model.fit)
         if find_numbers_at_limit(declared):  # the registration of a walk
