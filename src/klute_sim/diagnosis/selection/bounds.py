@@ -31,7 +31,7 @@ def refine_names(data: WeightedData, fit: Fit) -> Fit:
     return refined if simplified is refined else refine_names(data, simplified)
 
 
-def keep_numbers_at_limit(data: WeightedData, fit: Fit) -> Fit:
+def restore_declared_numbers(data: WeightedData, fit: Fit) -> Fit:
     """Return ``fit`` with the numbers at the limit of their declared uncertainty as declared, refitted in the others.
 
     Returns ``fit`` itself without any. The registration of a walk is always fitted.
@@ -43,4 +43,4 @@ def keep_numbers_at_limit(data: WeightedData, fit: Fit) -> Fit:
     retained = [p.term_index is not None or p.name not in at_limit for p in hypothesis.parameters]
     uncertainties = tuple((key, deviation) for key, deviation in hypothesis.uncertainties if key not in at_limit)
     reduced = replace(hypothesis, uncertainties=uncertainties)
-    return keep_numbers_at_limit(data, fit_hypothesis(data, reduced, fit.x[retained]))
+    return restore_declared_numbers(data, fit_hypothesis(data, reduced, fit.x[retained]))

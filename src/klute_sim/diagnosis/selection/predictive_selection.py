@@ -25,7 +25,7 @@ from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
-from klute_sim.diagnosis.selection.bounds import keep_numbers_at_limit, simplify_at_bound
+from klute_sim.diagnosis.selection.bounds import restore_declared_numbers, simplify_at_bound
 from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_numbers_at_limit
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
@@ -189,7 +189,7 @@ class PredictiveSelection:
         obstacle = find_naming_obstacle(self.data, model.fit, needs_numbers_at_limit=False)
         if obstacle == model.obstacle or not base.error - model.error >= MIN_SHARE * base.error:
             return model
-        declared = keep_numbers_at_limit(self.data, model.fit)
+        declared = restore_declared_numbers(self.data, model.fit)
         if find_numbers_at_limit(declared):  # the registration of a walk
             return model
         lost = self.assess(declared).error - model.error
@@ -279,8 +279,8 @@ class PredictiveSelection:
                 return result
             self.report_stage(f"refining {' and '.join(map(str, coarse.terms))}")
             fit, is_reproducible = check_convergence(self.data, coarse.fit, np.random.default_rng(self.seed))
-            refined = replace(self._admit_numbers(base, self.assess(fit)), errors=coarse.errors)
-            refined = replace(refined, is_reproducible=is_reproducible)
+            assessed = self._admit_numbers(base, self.assess(fit))
+            refined = replace(assessed, errors=coarse.errors, is_reproducible=is_reproducible)
             models = self._add_simplified(refined, [refined if model is coarse else model for model in models])
 
     def _decide(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
