@@ -4,7 +4,8 @@
     python -m benchmarks.hidden_effects.run OUT --block single --count 31        # a part
 
 Missing datasets are generated, every result is saved immediately, and results of the current code are reused, so the
-run can be interrupted and restarted. ``--shard 2/4`` processes the second quarter of every block, for several machines
+run can be interrupted and restarted. Blocks advance together, so an interrupted run is a sample of all of them, which
+``--finished`` scores. ``--shard 2/4`` processes the second quarter of every block, for several machines
 that share OUT. Thresholds are set on the development split; the test split is for published numbers. The ground truth
 is read only after the verdict is saved. The direct measurements that an `indistinguishable` verdict lists are made as a
 follow-up, which takes a laboratory minutes; without any, the decisive experiment that it proposes is performed.
@@ -20,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -270,10 +271,24 @@ def load_baselines() -> dict[str, Callable[..., Verdict]]:
     return {name: partial(run_baseline, name) for name in baselines.METHODS}
 
 
-def _iter_specs(blocks: list[str], count: int | None, seed: int, shard: str) -> Iterator[DatasetSpec]:
+def get_page_order(row: DatasetResult) -> tuple[int, str]:
+    """Return the place of ``row`` on the page: blocks as in the plan, datasets by name."""
+    return list(BLOCK_SIZES).index(row.truth["block"]), row.name
+
+
+def plan_run(blocks: Sequence[str], count: int | None, seed: int, shard: str = "1/1") -> list[DatasetSpec]:
+    """Return the datasets of ``shard`` of all ``blocks``, such that at any point the same share of each block is done.
+
+    ``count`` is the number of datasets of every block; None stands for :data:`BLOCK_SIZES`.
+    """
     part, parts = (int(x) for x in shard.split("/"))
+    planned = []
     for block in blocks:
-        yield from plan_datasets(block, BLOCK_SIZES[block] if count is None else count, seed)[part - 1 :: parts]
+        size = BLOCK_SIZES[block] if count is None else count
+        planned += [((i + 0.5) / size, spec) for i, spec in enumerate(plan_datasets(block, size, seed))][
+            part - 1 :: parts
+        ]
+    return [spec for _, spec in sorted(planned, key=lambda entry: entry[0])]
 
 
 def main() -> None:
@@ -297,11 +312,11 @@ def main() -> None:
         parser.error(str(error))
     blocks = [block for block in arguments.block or BLOCK_SIZES if not (methods and get_rig(block) != "bench")]
     seed = SPLIT_SEEDS[arguments.split] if arguments.seed is None else arguments.seed
-    specs = list(_iter_specs(blocks, arguments.count, seed, arguments.shard))
+    specs = plan_run(blocks, arguments.count, seed, arguments.shard)
     console = Console(stderr=True)
     run = BenchmarkRun(arguments.out, max(1, (os.cpu_count() or 1) // arguments.at_once), methods)
     if arguments.finished:
-        rows = [row for row in map(run.load_finished, specs) if row is not None]
+        rows = sorted((row for row in map(run.load_finished, specs) if row is not None), key=get_page_order)
         others = {}
     else:
         with ThreadPoolExecutor(arguments.at_once) as pool:
@@ -312,7 +327,7 @@ def main() -> None:
                 console=console,
                 disable=not console.is_terminal,
             )
-            completed = list(results)
+            completed = sorted(results, key=lambda result: get_page_order(result[0]))
         rows = [row for row, _ in completed]
         others = {method: [method_results[method] for _, method_results in completed] for method in methods}
     if arguments.page:
