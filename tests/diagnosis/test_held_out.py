@@ -68,6 +68,17 @@ def test_misfit_of_test_trials_demotes_a_verdict_that_denies_it(
     assert "which the other trials do not show" in diagnosis.reasons[0]
 
 
+@pytest.mark.parametrize(("n_effects", "verdict"), [(1, "identified-in-part"), (2, "unexplained")])
+def test_several_effects_that_hold_on_the_fitted_trials_alone_are_proxies(
+    n_effects: int, verdict: str, dataset: datasets.Dataset
+) -> None:
+    diagnosis = make_diagnosis(dataset, "identified")
+    diagnosis.added_terms = (EffectTerm("seal_friction", "coulomb"), EffectTerm("end_taper", "strain"))[:n_effects]
+    record_test_misfit(diagnosis, {"force": Misfit(6.0, 20.0, 3.0)}, is_absorbed=False)
+    assert diagnosis.verdict == verdict
+    assert ("proxies" in diagnosis.reasons[0]) == (n_effects > 1)
+
+
 def test_misfit_that_validation_trials_show_too_is_not_that_of_the_test_alone(dataset: datasets.Dataset) -> None:
     diagnosis = make_diagnosis(dataset, "nothing-missing")
     misfit, other = Misfit(6.0, 20.0, 3.0), Misfit(4.5, 20.0, 3.0)

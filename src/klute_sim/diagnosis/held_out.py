@@ -168,7 +168,8 @@ def record_test_misfit(
 ) -> None:
     """Demote a verdict that denies the ``misfits`` of the test trials, unless the numbers absorb them.
 
-    The sentence says whether the trials for validation show the misfit as well.
+    The sentence says whether the trials for validation show the misfit as well. One effect may be a part of what is
+    missing. Several that reach the noise together on the fitted trials alone have adapted to these.
     """
     channel = max(misfits, key=lambda name: misfits[name].rms / misfits[name].noise_rms)
     ratio = misfits[channel].rms / misfits[channel].noise_rms
@@ -179,7 +180,8 @@ def record_test_misfit(
             "trials do not determine the numbers well enough. Set use = 'fit' for some of them."
         )
         return
-    diagnosis.verdict = DEMOTED_VERDICTS[diagnosis.verdict]
+    has_adapted = diagnosis.verdict == "identified" and len(diagnosis.added_terms) > 1
+    diagnosis.verdict = "unexplained" if has_adapted else DEMOTED_VERDICTS[diagnosis.verdict]
     comparison = "which the other trials do not show: the test trials may cover conditions that no other trial covers"
     if channel in validation_misfits:
         other = validation_misfits[channel]
@@ -187,7 +189,10 @@ def record_test_misfit(
             f"those for validation {other.rms / other.noise_rms:.2f} times, which the fitted trials do not show: they "
             "may not cover these conditions"
         )
-    diagnosis.reasons.insert(0, f"{observation}, {comparison}. Set use = 'fit' for some of them.")
+    sentence = f"{observation}, {comparison}. Set use = 'fit' for some of them."
+    if has_adapted:
+        sentence += " Several effects that explain the fitted trials alone are proxies of what is missing."
+    diagnosis.reasons.insert(0, sentence)
 
 
 def exercises_effects(diagnosis: Diagnosis, evaluated: WeightedData, residuals: Residuals) -> bool:
