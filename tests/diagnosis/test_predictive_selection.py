@@ -35,6 +35,7 @@ from tests.diagnosis.synthetic_dataset import make_repeats
 
 DEVICE = load_device("klute-3-4-pair")
 FRICTION, TAPER = EffectTerm("seal_friction", "coulomb"), EffectTerm("end_taper", "strain")
+TENSION = EffectTerm("passive_tension", "exponential")
 GAIN = EffectTerm("sensor_gain", "linear", "force")
 RADIUS, TURNS = (
     EffectTerm("number_error", "value", number=f"muscle.{key}") for key in ("bladder_radius_mm", "turns_per_m")
@@ -69,8 +70,8 @@ def test_further_term_that_takes_a_small_part_of_the_error_of_the_law_is_not_cho
     """It predicts better in every specimen, because all have the same error of the law, and it is no name."""
     base = make_model((), [40.0, 44.0, 36.0])
     single = make_model((FRICTION,), [4.2, 4.0, 3.8])
-    absorber = make_model((TAPER, GAIN), [3.3, 3.1, 2.9])
-    three = make_model((FRICTION, TAPER, GAIN), [2.6, 2.4, 2.2])
+    absorber = make_model((TAPER, TENSION), [3.3, 3.1, 2.9])
+    three = make_model((FRICTION, TAPER, TENSION), [2.6, 2.4, 2.2])
     folds = np.arange(3)
     assert choose_model([base, single, absorber], folds) is single
     assert choose_model([base, single, absorber, three], folds) is single
@@ -78,10 +79,25 @@ def test_further_term_that_takes_a_small_part_of_the_error_of_the_law_is_not_cho
     assert choose_model([base, single, absorber], folds, 1.0) is absorber
     # Two effects that do little alone, and an absorber beside them.
     pair = make_model((FRICTION, TAPER), [1.1, 1.0, 0.9])
-    beside = make_model((FRICTION, TAPER, GAIN), [0.95, 0.85, 0.75])
+    beside = make_model((FRICTION, TAPER, TENSION), [0.95, 0.85, 0.75])
     assert choose_model([base, single, pair, beside], folds) is pair
     # Without a simpler name, the share of the error that is worth a name is judged by the verdict.
     assert choose_model([base, make_model((FRICTION,), [35.0, 38.0, 32.0])], folds).terms
+
+
+@pytest.mark.parametrize("fault", ["instrument", "number"])
+def test_fault_beside_an_effect_must_take_half_of_what_the_effect_leaves(fault: str) -> None:
+    """It contradicts a calibration or a measurement, and an imperfect law looks like one."""
+    term = GAIN if fault == "instrument" else RADIUS
+    base, single = make_model((), [40.0, 44.0, 36.0]), make_model((FRICTION,), [4.2, 4.0, 3.8])
+    errors = [2.6, 2.4, 2.2]  # 40 % less than without the fault
+    assert choose_model([base, single, make_model((FRICTION, TAPER), errors)], np.arange(3)) is not single
+    assert choose_model([base, single, make_model((FRICTION, term), errors)], np.arange(3)) is single
+    decisive = make_model((FRICTION, term), [2.0, 1.8, 1.6])
+    assert choose_model([base, single, decisive], np.arange(3)) is decisive
+    # The fault replaces another one, so it is no further fault.
+    faulty = make_model((GAIN,), [4.2, 4.0, 3.8])
+    assert choose_model([base, faulty, make_model((FRICTION, term), errors)], np.arange(3)) is not faulty
 
 
 def test_term_that_only_moves_a_parameter_off_its_bound_is_no_name() -> None:
