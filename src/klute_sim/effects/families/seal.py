@@ -19,7 +19,7 @@ SLIDING_FORCE = EffectParameter(
     lower=0.0,
     upper=200.0,
     typical=15.0,
-    source="pneumatic cylinder seals measured at 7-21 N",
+    source="pneumatic cylinder seals measured: 4.5-15.9 N (docs/real-data.md)",
 )
 """Friction of a seal that slides, the same at every pressure."""
 
