@@ -47,7 +47,7 @@ MODELS = {"joint": "antagonist_joint", "mass": "hanging_mass", "knee": "knee_jig
     type=common.NonEmptyPath(),
     default=None,
     metavar="FILE",
-    help="With sines: measured frequency response (CSV with frequency [Hz], gain [1] and phase [deg]) to compare with; "
+    help="With sines: measured frequency response (CSV with frequency [Hz], gain [deg/bar], [mm/bar], [dB] or [1], and phase [deg]) to compare with; "
     "the sines get its frequencies.",
 )
 @section("Simulation")

@@ -70,14 +70,14 @@ MIN_CADENCE, MAX_CADENCE = 48.0, 200.0
     type=common.NumberWithUnit("Hz"),
     default=None,
     metavar="HZ",
-    help="Low-pass cut-off of angles and markers [Hz]; 0: no filter.  [default: 6]",
+    help="Low-pass cut-off of angles and markers [Hz]; 0: no filter. Not with --dataset, which filters nothing.  [default: 6]",
 )
 @click.option(
     "--load-cutoff",
     type=common.NumberWithUnit("Hz"),
     default=None,
     metavar="HZ",
-    help="Low-pass cut-off of ground reactions and moments [Hz]; 0: no filter.  [default: 20]",
+    help="Low-pass cut-off of ground reactions and moments [Hz]; 0: no filter. Not with --dataset.  [default: 20]",
 )
 @click.option(
     "--threshold",
