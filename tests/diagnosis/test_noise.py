@@ -59,6 +59,38 @@ def test_samples_in_a_gap_of_another_repeat_are_not_compared() -> None:
     assert len(aligned.time) == pytest.approx(is_retained.sum(), abs=2)
 
 
+@pytest.mark.parametrize("misfit", [0.0, 1.0, 10.0])
+def test_misfit_is_no_noise_where_one_repeat_is_noisier(misfit: float) -> None:
+    rng = np.random.default_rng(2)
+    shared = misfit * np.sin(np.arange(8000) / 40)
+    scales = (1.0, 1.0, 3.0)
+    rows = [shared + rng.normal(0.0, scale, 8000) for scale in scales]
+    experiments = [
+        replace(e, noise_scale={"force": np.full(8000, scale)})
+        for e, scale in zip(make_repeats(rows), scales, strict=True)
+    ]
+    residuals = [{"force": row} for row in rows]
+    noise = noises.estimate_noise_from_repeats(experiments, residuals)["force"]
+    assert noise.std == pytest.approx(1.0, rel=0.03)
+    assert noise.correlation_time(0.005) == pytest.approx(1.0, abs=0.2)
+    (aligned,) = noises.align_repeats(experiments, residuals, "force")
+    np.testing.assert_allclose(aligned.deviations.std(axis=1), 1.0, rtol=0.05)
+
+
+def test_noise_does_not_depend_on_the_order_of_fast_and_slow_repeats() -> None:
+    rng = np.random.default_rng(7)
+    slow, fast = (make_correlated_noise(rng, count, 3.0, 0.02) for count in (2000, 10_000))
+    first, second = make_repeats([slow])[0], make_repeats([fast])[0]
+    series = second.measured["force"]
+    second = replace(second, name="fast", measured={"force": TimeSeries(0.2 * series.time, series.value)})
+    estimates = [
+        noises.estimate_noise_from_repeats([a for a, _ in order], [{"force": row} for _, row in order])["force"]
+        for order in (((first, slow), (second, fast)), ((second, fast), (first, slow)))
+    ]
+    assert estimates[0] == estimates[1]
+    assert estimates[0].autocorrelations[0].sampling_interval == pytest.approx(0.005)
+
+
 def test_sampling_rate_does_not_change_the_effective_number_of_samples() -> None:
     """Equal noise, sampled ten times as fast in one group, carries no more information there."""
     rng = np.random.default_rng(3)
@@ -198,6 +230,22 @@ def test_stated_input_noise_that_repeats_do_not_show_counts_as_shared(
     scales = np.concatenate([e.input_error_scale["force"] for e in scaled])
     median = float(np.median(scales))
     assert median > 8.0 if is_shared else median == 1.0  # single samples of a steep force may be more sensitive
+
+
+def test_stated_input_noise_is_evaluated_at_the_samples_that_are_compared(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "d", groups=("fit_1",))
+    text = (folder / "dataset.toml").read_text()
+    noise = '[noise]\npressure_command = "1 kPa"\n'
+    (folder / "dataset.toml").write_text(text.replace("[uncertain]", noise + "[uncertain]"))
+    data, simulator = datasets.load_dataset(folder), Simulator(2)
+    experiments = [
+        replace(e, measured={c: TimeSeries(s.time[::2], s.value[::2]) for c, s in e.measured.items()})
+        for e in prepare_experiments(data, datasets.split_dataset(data))
+    ]
+    scaled, _ = add_noise_scales(experiments, experiments, simulator)
+    simulator.close()
+    for e in scaled:
+        assert all(len(e.input_error_scale[channel]) == len(series.time) for channel, series in e.measured.items())
 
 
 @pytest.mark.parametrize("is_still", [False, True])

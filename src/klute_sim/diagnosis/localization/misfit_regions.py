@@ -48,7 +48,7 @@ def locate_misfit(data: WeightedData, base_fit: Fit) -> list[MisfitRegion]:
         aligned = align_repeats(
             data.experiments, base_fit.residuals, channel, min_repeats=min_repeats, with_input_error=True
         )
-        for group, time, residuals in aligned:
+        for group, time, residuals, _ in aligned:
             # The squared mean of the repeats minus the noise in it.
             mean, n_repeats = residuals.mean(axis=0), len(residuals)
             squares.append(mean * mean - (noise.std**2 / n_repeats if n_repeats > 1 else 0.0))

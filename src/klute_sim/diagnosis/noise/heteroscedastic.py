@@ -146,7 +146,12 @@ def _compute_stated_variances(
     variances = []
     for e, row in zip(experiments, rows, strict=True):
         setup = SimulationSetup(e.device.parameters)
-        readings = [_simulate_variant(setup, variant, simulator) for variant in e.noisy_variants]
+        # The variants were prepared before samples were left out, and a shifted load changes which samples count.
+        variants = [
+            replace(variant, measured=e.measured, quantizers=e.quantizers, limits=e.limits)
+            for variant in e.noisy_variants
+        ]
+        readings = [_simulate_variant(setup, variant, simulator) for variant in variants]
         variances.append(
             {
                 channel: np.sum([(reading[channel] - values[0]) ** 2 for reading in readings], axis=0)
@@ -233,8 +238,7 @@ def _fit_variance_model(
         regressors.append(
             np.stack([np.ones(len(repeats.time)), *(np.interp(repeats.time, time, s) for s in squared_sensitivities)])
         )
-        deviations = repeats.residuals - repeats.residuals.mean(axis=0)
-        variances.append((deviations**2).sum(axis=0) / (len(repeats.residuals) - 1))
+        variances.append(repeats.variance)
     if not regressors:
         return None
     columns, squares = np.concatenate(regressors, axis=1).T, np.concatenate(variances)

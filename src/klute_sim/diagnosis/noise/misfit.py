@@ -63,7 +63,7 @@ def estimate_misfit(
             correlation_time = channel_noise.correlation_time(repeats.sampling_interval)
             product += count * float(np.mean([np.mean((a * b)[samples]) for a, b in pairs]))
             weight = count * correlation_time / len(pairs)
-            variance += weight * float(np.mean(_squared_variance(repeats.residuals, correlation_time)[samples]))
+            variance += weight * float(np.mean(_squared_variance(repeats, correlation_time)[samples]))
             uniform_variance += weight * channel_noise.std**4
             n_samples += count
         if n_samples:
@@ -73,15 +73,14 @@ def estimate_misfit(
     return misfits
 
 
-def _squared_variance(residuals: Array, correlation_time: float) -> Array:
-    """Return the squared local noise variance [SI^4] of ``residuals`` (repeats, samples): (samples,).
+def _squared_variance(repeats: AlignedRepeats, correlation_time: float) -> Array:
+    """Return the squared local noise variance [SI^4] of ``repeats``: (samples,).
 
     The local variance is that of a window of :data:`LOCAL_VARIANCE_WINDOW` correlation times, with one degree of
     freedom per correlation time and repeat but one. Its squared estimate is too large by ``1 + 2 / freedom``.
     """
-    n_repeats, n_samples = residuals.shape
+    n_repeats, n_samples = repeats.residuals.shape
     width = min(n_samples, max(1, round(LOCAL_VARIANCE_WINDOW * correlation_time)))
-    variance = ((residuals - residuals.mean(axis=0)) ** 2).sum(axis=0) / (n_repeats - 1)
-    local_variance = uniform_filter1d(variance, width, mode="nearest")
+    local_variance = uniform_filter1d(repeats.variance, width, mode="nearest")
     freedom = (n_repeats - 1) * max(1.0, width / correlation_time)
     return np.asarray(local_variance * local_variance / (1.0 + 2.0 / freedom))

@@ -80,7 +80,9 @@ class AlignedRepeats(NamedTuple):
     time: Array
     """Aligned time since the start of the trial [s], shape (samples,)."""
     residuals: Array
-    """Residuals [SI] over the noise scale, shape (repeats, samples)."""
+    """Residuals [SI] over the scale of each repeat, shape (repeats, samples)."""
+    scales: Array
+    """These scales, (repeats, samples)."""
 
     @property
     def sampling_interval(self) -> float:
@@ -88,10 +90,30 @@ class AlignedRepeats(NamedTuple):
         return float(np.median(np.diff(self.time)))
 
     @property
+    def centred_residuals(self) -> Array:
+        """Residuals minus their mean over the repeats, over the scales: (repeats, samples).
+
+        The mean is that of the unscaled residuals, weighted by the inverse squares of the scales, so it holds what the
+        repeats share, whatever their scales. The squares of n repeats add up to n - 1 variances of the noise.
+        """
+        weights = self._relative_weights
+        mean = (weights * self.residuals * self.scales).sum(axis=0)
+        return np.asarray(self.residuals - mean / self.scales)
+
+    @property
     def deviations(self) -> Array:
-        """Deviations of two or more repeats from their mean, scaled to the noise of one repeat: (repeats, samples)."""
-        n_repeats = len(self.residuals)
-        return np.asarray((self.residuals - self.residuals.mean(axis=0)) * np.sqrt(n_repeats / (n_repeats - 1.0)))
+        """Centred residuals of two or more repeats, scaled to the noise of one repeat: (repeats, samples)."""
+        return np.asarray(self.centred_residuals / np.sqrt(1.0 - self._relative_weights))
+
+    @property
+    def variance(self) -> Array:
+        """Variance of the noise at each sample [SI^2], over the square of its scale: (samples,)."""
+        return np.asarray((self.centred_residuals**2).sum(axis=0) / (len(self.residuals) - 1))
+
+    @property
+    def _relative_weights(self) -> Array:
+        weights = self.scales**-2.0
+        return np.asarray(weights / weights.sum(axis=0))
 
 
 def align_repeats(
@@ -105,7 +127,7 @@ def align_repeats(
 ) -> Iterator[AlignedRepeats]:
     """Yield each group that measured ``channel`` at least ``min_repeats`` times, over the time that all repeats cover.
 
-    Each repeat contributes the residuals nearest to the samples of the first: interpolation would average neighbours,
+    Each repeat contributes the residuals nearest to the samples of the slowest: interpolation would average neighbours,
     which takes a sixth off the variance of two repeats with any distance between their samples. ``with_input_error``
     divides them by the scale of the error that unknown inputs cause, too, which is right for a misfit and wrong for
     noise. ``drops_agreeing`` leaves out the samples beyond a sensor's limit in which all repeats agree.
@@ -118,8 +140,8 @@ def align_repeats(
             experiments[k].align_time(experiments[k].measured[channel].time - experiments[k].start_time)
             for k in repeats
         ]
-        first = times[0]
-        common = first[(first >= max(t[0] for t in times)) & (first <= min(t[-1] for t in times))]
+        clock = max(times, key=lambda t: float(np.median(np.diff(t))) if len(t) > 1 else 0.0)
+        common = clock[(clock >= max(t[0] for t in times)) & (clock <= min(t[-1] for t in times))]
         common = common[np.all([_has_sample_near(t, common) for t in times], axis=0)]
         if len(common) > MIN_COMMON_SAMPLES:
             rows = []
@@ -127,13 +149,15 @@ def align_repeats(
                 scale = experiments[k].noise_scale.get(channel, 1.0)
                 if with_input_error:
                     scale = scale * experiments[k].input_error_scale.get(channel, 1.0)
-                rows.append((residuals[k][channel] / scale)[_find_nearest(t, common)])
-            aligned = AlignedRepeats(group, common, np.array(rows))
+                scale = np.broadcast_to(scale, len(t))
+                nearest = find_nearest(t, common)
+                rows.append((residuals[k][channel][nearest] / scale[nearest], scale[nearest]))
+            aligned = AlignedRepeats(group, common, *(np.array(part) for part in zip(*rows, strict=True)))
             is_censored = drops_agreeing and all(channel in experiments[k].limits for k in repeats)
             yield _drop_agreeing_samples(aligned) if is_censored else aligned
 
 
-def _find_nearest(time: Array, target_times: Array) -> NDArray[np.intp]:
+def find_nearest(time: Array, target_times: Array) -> NDArray[np.intp]:
     """Return the indices of the entries of ``time`` (n,), which increases, nearest to ``target_times`` (m,)."""
     return np.searchsorted(0.5 * (time[1:] + time[:-1]), target_times)
 
@@ -143,7 +167,7 @@ def _has_sample_near(time: Array, target_times: Array) -> Mask:
 
     Samples that are not compared leave gaps, at contact changes of a walk at other phases in each repeat.
     """
-    distance = np.abs(time[_find_nearest(time, target_times)] - target_times)
+    distance = np.abs(time[find_nearest(time, target_times)] - target_times)
     return np.asarray(distance <= float(np.median(np.diff(time))))
 
 
@@ -152,7 +176,11 @@ def _drop_agreeing_samples(repeats: AlignedRepeats) -> AlignedRepeats:
     is_informative = np.any(repeats.residuals != 0.0, axis=0)
     if is_informative.sum() <= MIN_COMMON_SAMPLES:
         return repeats
-    return repeats._replace(time=repeats.time[is_informative], residuals=repeats.residuals[:, is_informative])
+    return repeats._replace(
+        time=repeats.time[is_informative],
+        residuals=repeats.residuals[:, is_informative],
+        scales=repeats.scales[:, is_informative],
+    )
 
 
 def estimate_noise_from_repeats(experiments: Sequence[Experiment], residuals: Residuals) -> dict[str, Noise]:
@@ -161,11 +189,11 @@ def estimate_noise_from_repeats(experiments: Sequence[Experiment], residuals: Re
     for channel in list_channels(experiments):
         sum_of_squares, degrees_of_freedom, autocorrelations = 0.0, 0, []
         for repeats in align_repeats(experiments, residuals, channel):
-            deviations = repeats.residuals - repeats.residuals.mean(axis=0)
-            sum_of_squares += float((deviations * deviations).sum())
-            degrees_of_freedom += (len(deviations) - 1) * deviations.shape[1]
-            correlation_time = float(np.mean([estimate_correlation_time(row) for row in deviations]))
-            autocorrelations.append(Autocorrelation(repeats.sampling_interval, correlation_time, deviations.size))
+            centred = repeats.centred_residuals
+            sum_of_squares += float((centred * centred).sum())
+            degrees_of_freedom += (len(centred) - 1) * centred.shape[1]
+            correlation_time = float(np.mean([estimate_correlation_time(row) for row in centred]))
+            autocorrelations.append(Autocorrelation(repeats.sampling_interval, correlation_time, centred.size))
         if degrees_of_freedom:
             noise[channel] = Noise(float(np.sqrt(sum_of_squares / degrees_of_freedom)), pool_by_rate(autocorrelations))
     return noise
@@ -205,11 +233,12 @@ def find_inconsistent_repeats(
     inconsistent = {}
     for channel in list_channels(experiments):
         deviations = {
-            group: float(np.sqrt(((rows - rows.mean(axis=0)) ** 2).sum() / ((len(rows) - 1) * rows.shape[1])))
-            for group, _, rows in align_repeats(experiments, residuals, channel)
+            repeats.group: float(np.sqrt(repeats.variance.mean()))
+            for repeats in align_repeats(experiments, residuals, channel)
         }
         for group, deviation in deviations.items():
-            others = [value for other, value in deviations.items() if other != group]
+            # Repeats that agree to the last digit are copies and show no noise.
+            others = [value for other, value in deviations.items() if other != group and value > 0.0]
             if others and deviation > MAX_DEVIATION_RATIO * float(np.median(others)):
                 inconsistent[group, channel] = deviation, float(np.median(others))
     return inconsistent
