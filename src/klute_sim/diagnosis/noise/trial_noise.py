@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.noise.autocorrelation import MAX_INTERVAL_RATIO
 from klute_sim.diagnosis.noise.repeats import Residuals, group_repeats
 from klute_sim.types import Array
 
@@ -18,18 +19,29 @@ def estimate_noise_ratios(experiments: Sequence[Experiment], residuals: Residual
     """Return for each experiment: channel -> ratio of its noise to that of its other repeats, at least 1.
 
     The noise of a single trial shows in the differences between successive residuals, in which the misfit cancels.
-    Their median is robust against single jumps. Ratios below :data:`MIN_NOISE_RATIO` are 1.
+    Their median is robust against single jumps. Differences of correlated noise grow with the sampling interval, so
+    repeats at other rates do not count. Ratios below :data:`MIN_NOISE_RATIO` are 1.
     """
     deviations = [{channel: _estimate_deviation(values) for channel, values in row.items()} for row in residuals]
     ratios: list[dict[str, float]] = [{} for _ in experiments]
     for members in group_repeats(experiments).values():
         for index in members:
             for channel, deviation in deviations[index].items():
-                others = [deviations[k].get(channel, 0.0) for k in members if k != index]
+                interval = experiments[index].measured[channel].sampling_interval
+                others = [
+                    deviations[k][channel]
+                    for k in members
+                    if k != index and channel in deviations[k] and _is_equal_rate(experiments[k], channel, interval)
+                ]
                 reference = float(np.median([value for value in others if value > 0.0] or [0.0]))
                 ratio = deviation / reference if reference > 0.0 else 1.0
                 ratios[index][channel] = ratio if ratio > MIN_NOISE_RATIO else 1.0
     return ratios
+
+
+def _is_equal_rate(experiment: Experiment, channel: str, interval: float) -> bool:
+    ratio = experiment.measured[channel].sampling_interval / interval
+    return 1.0 / MAX_INTERVAL_RATIO < ratio < MAX_INTERVAL_RATIO
 
 
 def _estimate_deviation(residual: Array) -> float:
