@@ -9,6 +9,7 @@ from klute_sim.datasets.dataset import load_dataset
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis import data_quality
+from klute_sim.diagnosis.data_quality import find_contradicted_channels
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.result import DiagnosisOptions
 from klute_sim.diagnosis.workflow import diagnose
@@ -51,6 +52,27 @@ def test_insufficient_data_are_reported_with_the_fix() -> None:
     assert (
         len(data_quality.find_limitations([make_experiment("a", np.zeros(20), moving=False)])) == 3
     )  # constant pressure, constant length, no repeats
+
+
+def test_copied_repeat_is_not_used_where_other_repeats_show_the_noise() -> None:
+    rng = np.random.default_rng(8)
+    rows = rng.normal(0.0, 3.0, (4, 500))
+    trials = [
+        make_experiment("copied_a", rows[0], "copied"),
+        make_experiment("copied_b", rows[0], "copied"),
+        make_experiment("copied_c", rows[3], "copied"),
+        make_experiment("genuine_a", rows[1], "genuine"),
+        make_experiment("genuine_b", rows[2], "genuine"),
+    ]
+    residuals = [{"force": e.measured["force"].value} for e in trials]
+    contradicted, problems = find_contradicted_channels(trials, residuals)
+    assert list(contradicted) == [("copied_b", "force")]
+    assert "one is a copy" in contradicted["copied_b", "force"]
+    assert not problems
+    pairs = [k for k, e in enumerate(trials) if e.name != "copied_c"]
+    contradicted, problems = find_contradicted_channels([trials[k] for k in pairs], [residuals[k] for k in pairs])
+    assert list(contradicted) == [("copied_b", "force")]
+    assert not problems
 
 
 def test_recordings_without_enough_samples_are_called_short(tmp_path: Path) -> None:

@@ -216,7 +216,24 @@ def find_contradicted_channels(
                 f"Repeats of '{channel}' agree to the last digit: they are copies, or have too few digits to resolve "
                 "the noise. Record every input again, with more digits."
             )
+        else:
+            contradicted.update(_find_copies(experiments, channel))
     return contradicted, problems
+
+
+def _find_copies(experiments: Sequence[Experiment], channel: str) -> dict[tuple[str, str], str]:
+    """Return (trial, channel) -> reason for trials whose samples of ``channel`` are those of an earlier repeat."""
+    copies = {}
+    for group, members in group_repeats(experiments).items():
+        first_names: dict[bytes, str] = {}
+        for e in (experiments[k] for k in members if channel in experiments[k].measured):
+            first = first_names.setdefault(e.measured[channel].value.tobytes(), e.name)
+            if first != e.name:
+                copies[e.name, channel] = (
+                    f"Repeats {first} and {e.name} of '{group}' agree in {channel} to the last digit: one is a copy, "
+                    f"or has too few digits to show the noise; {channel} is not used in {e.name}."
+                )
+    return copies
 
 
 def find_moving_trials(experiments: Sequence[Experiment]) -> list[str]:
