@@ -17,11 +17,12 @@ from klute_sim.diagnosis.fitting.confidence_intervals import (
     compute_confidence_intervals,
     estimate_block_variances,
     estimate_spectral_variances,
+    place_noise,
 )
-from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
-from tests.diagnosis.synthetic_dataset import make_correlated_noise
+from klute_sim.diagnosis.noise.repeats import AlignedRepeats, estimate_noise_from_repeats
+from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats
 
 SAMPLES, INTERVAL, TRUE_VALUE = 800, 0.005, 70.0
 TIME = np.arange(SAMPLES) * INTERVAL
@@ -88,6 +89,29 @@ def test_intervals_have_nominal_coverage(
     noise: Callable[[np.random.Generator, np.ndarray], np.ndarray],
 ) -> None:
     assert 0.92 <= compute_coverage(noise, 300) <= 0.99
+
+
+def test_parameter_without_influence_may_have_any_value_in_its_bounds() -> None:
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), (("force", 3.0),), (EffectTerm("leak", "orifice"),))
+    x = hypothesis.initial_point() + 0.1
+    trials = make_repeats([np.random.default_rng(k).normal(0.0, 3.0, 400) for k in range(2)])
+    residuals = [{"force": e.measured["force"].value} for e in trials]
+    simulator = Simulator(1)
+    data = WeightedData(simulator, trials, estimate_noise_from_repeats(trials, residuals))
+    fit = Fit(hypothesis, x, data.weight_residuals(residuals), np.zeros((800, 1)), True, residuals)
+    ((low, high),) = compute_confidence_intervals(data, fit, profiled=[])
+    simulator.close()
+    (parameter,) = hypothesis.terms[0].parameters
+    assert (low, high) == pytest.approx((parameter.lower, parameter.upper))
+
+
+def test_noise_of_a_repeat_is_placed_where_it_occurred() -> None:
+    repeats = AlignedRepeats(
+        "g", np.array([2.0, 3.0, 4.0]), np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]), np.ones((2, 3))
+    )
+    placed = place_noise(repeats, np.arange(6.0))
+    np.testing.assert_allclose(placed[:, 2:5], repeats.deviations)
+    assert placed.shape == (2, 6)
 
 
 def test_spectral_variance_is_the_mean_over_all_shifts() -> None:

@@ -54,6 +54,20 @@ def make_term(specimen: str, declared: float, number: str = LENGTH) -> EffectTer
     return EffectTerm(NUMBER_ERROR_NAME, "value", number=number, specimen=specimen, declared=declared)
 
 
+def test_wrong_turns_of_one_specimen_leave_the_radius_of_the_others_uncertain() -> None:
+    """The radius of a braid follows its uncertain turns, except where these are wrong in the file."""
+    turns, radius = "muscle.turns_per_m", "muscle.bladder_radius_mm"
+    declared = NOMINAL.spec.collect_values()[turns]
+    plain = Hypothesis(NOMINAL, ((turns, 0.1 * declared),), ())
+    extended = plain.with_term(make_term("C", declared, turns))
+    point = [1.03 * declared]
+    followed = plain.correct_numbers(NOMINAL, None, point)[radius]
+    assert followed < NOMINAL.spec.collect_values()[radius]
+    values = [*point, extended.parameters[-1].initial]
+    assert extended.correct_numbers(NOMINAL, None, values, "A")[radius] == followed
+    assert radius not in extended.correct_numbers(NOMINAL, None, values, "C")
+
+
 def test_number_of_one_specimen_changes_that_specimen_only() -> None:
     own = make_device(150.0)
     term = make_term("C", 150.0)

@@ -15,7 +15,7 @@ from klute_sim.diagnosis.fitting.systematic_error import (
     estimate_misfit_error,
     estimate_preparation_errors,
 )
-from klute_sim.diagnosis.noise.repeats import align_repeats
+from klute_sim.diagnosis.noise.repeats import AlignedRepeats, align_repeats, find_nearest
 from klute_sim.types import Array
 
 NOISE_BLOCK_TIME = 0.5
@@ -72,6 +72,10 @@ def compute_confidence_intervals(
             of_effects,
         )
         errors[of_effects] = np.maximum(errors[of_effects], limits)
+    # A parameter without influence may have any value in its bounds.
+    is_idle = ~np.any(fit.jacobian, axis=0)
+    to_bounds = np.abs(np.stack(fit.hypothesis.bounds(), axis=1) - fit.x[:, np.newaxis])
+    errors[is_idle] = to_bounds[is_idle]
     systematic_errors = [
         *estimate_preparation_errors(data, fit, pseudoinverse),
         estimate_misfit_error(collect_shared_misfits(data, fit, pseudoinverse)),
@@ -242,14 +246,17 @@ def _group_influences(data: WeightedData, fit: Fit, pseudoinverse: Array) -> lis
         for channel in weights:
             scaled_residual = residual[channel] / experiment.noise_scale.get(channel, 1.0)
             # A channel without repeats takes the noise of another group, or else the residual of the fit.
-            of_other_groups = (rows for (_, name), rows in deviations.items() if name == channel)
+            of_other_groups = (rows.deviations for (_, name), rows in deviations.items() if name == channel)
             default = next(of_other_groups, scaled_residual[np.newaxis])
-            realizations = deviations.get((experiment.group, channel), default)
-            interval = experiment.measured[channel].sampling_interval
-            n_samples = len(scaled_residual)
+            series = experiment.measured[channel]
+            interval, n_samples = series.sampling_interval, len(scaled_residual)
+            own = deviations.get((experiment.group, channel))
+            if own is None:
+                noise = np.array([np.resize(row, n_samples) for row in default])
+            else:
+                noise = place_noise(own, experiment.align_time(series.time - experiment.start_time))
             sensitivity = pseudoinverse[:, start : start + n_samples] * data.noise[channel].weight(interval)
             sensitivity = sensitivity / experiment.input_error_scale.get(channel, 1.0)
-            noise = np.array([np.resize(row, n_samples) for row in realizations])
             trial.append(ChannelInfluence(sensitivity, noise, interval))
             start += n_samples
         if trial:
@@ -257,10 +264,22 @@ def _group_influences(data: WeightedData, fit: Fit, pseudoinverse: Array) -> lis
     return list(groups.values())
 
 
-def _collect_deviations(data: WeightedData, fit: Fit) -> dict[tuple[str, str], Array]:
-    """Return (group, channel) -> deviations of its repeats [SI], (repeats, samples)."""
+def place_noise(repeats: AlignedRepeats, time: Array) -> Array:
+    """Return the deviations of ``repeats`` where they occurred, at the aligned ``time`` [s] of one of them.
+
+    The result is (repeats, samples). Before and after the time that all repeats cover, noise from elsewhere stands in.
+    """
+    deviations = repeats.deviations
+    noise = np.array([np.resize(row, len(time)) for row in deviations])
+    is_covered = (time >= repeats.time[0]) & (time <= repeats.time[-1])
+    noise[:, is_covered] = deviations[:, find_nearest(repeats.time, time[is_covered])]
+    return noise
+
+
+def _collect_deviations(data: WeightedData, fit: Fit) -> dict[tuple[str, str], AlignedRepeats]:
+    """Return (group, channel) -> its repeats, whose deviations are noise [SI]."""
     return {
-        (repeats.group, channel): repeats.deviations
+        (repeats.group, channel): repeats
         for channel in data.noise
         for repeats in align_repeats(data.experiments, fit.residuals, channel)
     }

@@ -347,7 +347,11 @@ class Hypothesis:
             if term is not None and term.specimen is not None and term.specimen == specimen:
                 corrected[parameter.name] = corrected.get(parameter.name, own_values[parameter.name])
                 corrected[parameter.name] += value - parameter.initial
-        wrong = {term.number.rpartition(DEVICE_SEPARATOR)[2] for term in self.terms if term.number}
+        wrong = set()
+        for term in self.terms:
+            owner, _, key = (term.number or "").rpartition(DEVICE_SEPARATOR)
+            if key and owner in ("", tendon) and term.specimen in (None, specimen):
+                wrong.add(key)
         return complete_numbers(own_values, corrected, wrong)
 
     def list_fitted_keys(self, tendon: str | None) -> set[str]:

@@ -68,6 +68,7 @@ def collect_shared_misfits(data: WeightedData, fit: Fit, pseudoinverse: Array) -
             if experiment.preparation_variants:
                 series = experiment.measured[channel]
                 columns = pseudoinverse[:, start:end] * data.noise[channel].weight(series.sampling_interval)
+                columns = columns / experiment.input_error_scale.get(channel, 1.0)
                 time = experiment.align_time(series.time - experiment.start_time)
                 influences[experiment.group, channel].append((time, columns))
             start = end
