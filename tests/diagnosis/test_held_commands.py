@@ -74,6 +74,20 @@ def test_samples_of_held_commands_count_in_full() -> None:
     assert len(held.input_variants) == len(trial.input_variants) - 1
 
 
+def test_noisy_variants_of_held_commands_are_held(tmp_path: Path) -> None:
+    """Else the course between samples would count as noise of the command."""
+    folder = write_dataset(tmp_path / "data", groups=("fit_1",), repeats=1, seconds=1.0)
+    text = (folder / "dataset.toml").read_text()
+    (folder / "dataset.toml").write_text(
+        text.replace("[uncertain]", '[noise]\npressure_command = "2 kPa"\n[uncertain]')
+    )
+    data = load_dataset(folder)
+    held = prepare_experiments(data, split_dataset(data))[0].held_variant
+    assert held is not None
+    (variant,) = held.noisy_variants
+    np.testing.assert_allclose(variant.command - held.command, 2e3, atol=1.0)
+
+
 def test_every_command_of_a_joint_is_held(tmp_path: Path) -> None:
     experiments, _ = prepare(tmp_path / "data", **SHORT)
     linear = experiments[0]

@@ -1,5 +1,6 @@
 """Trials that differ from the ideal: noisier than their repeats, logged slowly, begun in motion."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.bench import prepare_bench_trial, starts_in_motion
 from klute_sim.diagnosis.noise.trial_noise import describe_noisy_trials, estimate_noise_ratios
-from tests.diagnosis.synthetic_dataset import make_repeats
+from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats
 
 DEVICE = load_device("klute-3-4-pair")
 
@@ -50,6 +51,38 @@ def test_equal_repeats_and_single_trials_have_no_noise_of_their_own() -> None:
     rows = [rng.normal(size=300) for _ in range(4)]
     assert all(row["force"] == 1.0 for row in estimate_noise_ratios(make_repeats(rows), [{"force": r} for r in rows]))
     assert estimate_noise_ratios(make_repeats(rows[:1]), [{"force": rows[0]}]) == [{"force": 1.0}]
+
+
+def test_slow_repeat_of_correlated_noise_is_no_noisier() -> None:
+    """Differences between successive samples of correlated noise grow with the interval."""
+    rng = np.random.default_rng(4)
+    rows = [make_correlated_noise(rng, 3000, 3.0, 0.01) for _ in range(3)]
+    trials = make_repeats(rows)
+    series = trials[2].measured["force"]
+    trials[2] = replace(trials[2], measured={"force": TimeSeries(series.time[::5], series.value[::5])})
+    found = estimate_noise_ratios(trials, [{"force": e.measured["force"].value} for e in trials])
+    assert [row["force"] for row in found] == [1.0, 1.0, 1.0]
+
+
+def test_noise_of_slow_inputs_is_no_course_between_samples() -> None:
+    rng = np.random.default_rng(3)
+    length = 0.34 + 20e-6 * rng.normal(size=400)
+    command = 2e5 + 500.0 * rng.normal(size=400)
+    held = prepare_bench_trial(make_trial(0.01, command, length), "fit")
+    for variants, attribute in zip(held.input_variants, ("unit_length", "command"), strict=True):
+        for variant in variants:
+            change = getattr(variant, attribute) - getattr(held, attribute)
+            assert np.abs(change).max() < 1e-9 * np.abs(getattr(held, attribute)).max()
+
+
+def test_motion_before_the_inputs_begin_is_no_motion_at_the_start() -> None:
+    trial = make_trial(0.005, np.full(400, 2e5))
+    early = np.arange(-100, 400) * 0.005
+    pressure = np.where(early < 0.0, 1e5 + 2e5 * (early + 0.5), 2e5)
+    before = replace(trial, measured={**trial.measured, "pressure": TimeSeries(early, pressure)})
+    assert not starts_in_motion(before)
+    after = replace(trial, measured={**trial.measured, "pressure": TimeSeries(early + 0.5, pressure)})
+    assert starts_in_motion(after)
 
 
 def test_slow_logging_leaves_the_course_between_samples_open() -> None:

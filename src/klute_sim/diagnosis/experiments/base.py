@@ -216,6 +216,11 @@ class Experiment(ABC):
     """For each prescribed channel with stated noise: the trial with this channel off by one standard deviation."""
 
     @property
+    def held_noisy_variants(self) -> "tuple[Experiment, ...]":
+        """The :attr:`noisy_variants` with commands that are held until the next sample."""
+        return tuple(variant.held_variant or variant for variant in self.noisy_variants)
+
+    @property
     def duration(self) -> float:
         """Duration of the trial [s]."""
         return len(self.command) * self.dt

@@ -116,7 +116,14 @@ class BenchExperiment(Experiment):
         """The trial with a command that is held until the next sample; None where it is constant."""
         if self.held_command is None:
             return None
-        return replace(self, command=self.held_command, held_command=None, other_commands=(), holds_command=True)
+        return replace(
+            self,
+            command=self.held_command,
+            held_command=None,
+            other_commands=(),
+            holds_command=True,
+            noisy_variants=self.held_noisy_variants,
+        )
 
     @property
     def prescribed_input(self) -> PrescribedInput:
@@ -217,7 +224,7 @@ def prepare_bench_trial(trial: Trial, use: Use) -> BenchExperiment:
         unit_length=interpolate_smoothly(time, length.time, denoise(length.time, length.value)),
         command=np.interp(time, command.time, denoise(command.time, command.value)),
         measured=select_samples(trial, start_time, end_time, time[-1], **(warm_up if is_moving else {})),
-        initial_pressure=_estimate_initial_pressure(trial) if is_moving else None,
+        initial_pressure=_estimate_initial_pressure(trial, start_time) if is_moving else None,
         other_lengths=list_other_lengths(time, length),
         other_commands=list_other_commands(time, command),
         held_command=hold_command(time, dt, command),
@@ -233,27 +240,33 @@ def starts_in_motion(trial: Trial) -> bool:
     A measured pressure that differs from the command has not settled yet, unless it stays there.
     """
     length, command = trial.prescribed["length"], trial.prescribed["pressure_command"]
-    if _compute_initial_change(length) > STATIONARY_SPEED * START_TIME_SPAN:
+    start_time = max(length.time[0], command.time[0])
+    if _compute_initial_change(length, start_time) > STATIONARY_SPEED * START_TIME_SPAN:
         return True
-    if _compute_initial_change(command) > REST_PRESSURE_CHANGE:
+    if _compute_initial_change(command, start_time) > REST_PRESSURE_CHANGE:
         return True
     pressure = trial.measured.get("pressure")
-    return pressure is not None and _compute_initial_change(pressure) > REST_PRESSURE_CHANGE
+    return pressure is not None and _compute_initial_change(pressure, start_time) > REST_PRESSURE_CHANGE
 
 
-def _compute_initial_change(series: TimeSeries) -> float:
-    """Return the change [SI] between the first and the last third of the first :data:`START_TIME_SPAN`."""
-    is_finite = np.isfinite(series.value)
-    time, value = series.time[is_finite], series.value[is_finite]
+def _compute_initial_change(series: TimeSeries, start_time: float) -> float:
+    """Return the change [SI] between the first and the last third of :data:`START_TIME_SPAN` from ``start_time`` on.
+
+    A series that begins later counts from its first sample, and one without later samples does not change.
+    """
+    is_used = np.isfinite(series.value) & (series.time >= start_time)
+    if not is_used.any():
+        return 0.0
+    time, value = series.time[is_used], series.value[is_used]
     values = value[time <= time[0] + START_TIME_SPAN]
     third = max(1, len(values) // 3)
     return abs(float(np.median(values[-third:]) - np.median(values[:third])))
 
 
-def _estimate_initial_pressure(trial: Trial) -> float | None:
-    """Return the first measured pressure [Pa]; None if it was not measured."""
+def _estimate_initial_pressure(trial: Trial, start_time: float) -> float | None:
+    """Return the first measured pressure [Pa] from ``start_time`` on; None if it was not measured."""
     pressure = trial.measured.get("pressure")
     if pressure is None:
         return None
-    finite = pressure.value[np.isfinite(pressure.value)]
-    return float(np.median(finite[:3]))
+    values = pressure.value[np.isfinite(pressure.value) & (pressure.time >= start_time)]
+    return float(np.median(values[:3])) if len(values) else None

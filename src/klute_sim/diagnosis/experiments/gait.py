@@ -107,7 +107,13 @@ class GaitExperiment(Experiment):
         """The trial with a command that is held until its next sample; None where it is constant."""
         if self.held_command is None:
             return None
-        return replace(self, command=self.held_command, held_command=None, holds_command=True)
+        return replace(
+            self,
+            command=self.held_command,
+            held_command=None,
+            holds_command=True,
+            noisy_variants=self.held_noisy_variants,
+        )
 
     @property
     def simulation_error(self) -> float:

@@ -36,10 +36,8 @@ def list_other_lengths(time: Array, length: TimeSeries) -> tuple[Array, ...]:
     """
     if length.sampling_interval <= MAX_DENSE_INTERVAL:
         return ()
-    return (
-        np.interp(time, length.time, length.value),
-        np.interp(time, *insert_corners(length.time, length.value)),
-    )
+    values = denoise(length.time, length.value)
+    return np.interp(time, length.time, values), np.interp(time, *insert_corners(length.time, values))
 
 
 def insert_corners(sample_time: Array, samples: Array) -> tuple[Array, Array]:
@@ -103,6 +101,7 @@ def list_other_commands(time: Array, command: TimeSeries) -> tuple[Array, ...]:
     """Return other courses of the command [Pa] at ``time`` [s]: it may have stepped at once or at the last moment."""
     if command.sampling_interval <= MAX_DENSE_INTERVAL:
         return ()
+    values = denoise(command.time, command.value)
     last = np.clip(np.searchsorted(command.time, time, side="right") - 1, 0, len(command.time) - 1)
     following = np.minimum(last + (command.time[last] < time), len(command.time) - 1)
-    return command.value[last], command.value[following]
+    return values[last], values[following]

@@ -98,7 +98,15 @@ class MechanismExperiment(Experiment):
             return None
         name = next(name for name, values in self.inputs.items() if values is self.command)
         inputs = {**self.inputs, **self.held_commands}
-        return replace(self, inputs=inputs, command=inputs[name], other_inputs=(), held_commands={}, holds_command=True)
+        return replace(
+            self,
+            inputs=inputs,
+            command=inputs[name],
+            other_inputs=(),
+            held_commands={},
+            holds_command=True,
+            noisy_variants=self.held_noisy_variants,
+        )
 
     @property
     def input_variants(self) -> tuple[tuple[Experiment, ...], ...]:
@@ -249,7 +257,7 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         if name in trial.measured and binding.channel.quantity in MOTION_QUANTITIES
     }
     stated = trial.initial_state
-    estimated = _estimate_initial_velocities(trial, outputs)
+    estimated = _estimate_initial_velocities(trial, outputs, start_time)
     velocities = {**estimated, **stated.velocities}
     warm_up = {"max_warm_up_fraction": MOVING_WARM_UP_FRACTION, "max_warm_up_time": MOVING_WARM_UP_TIME}
     driven = {b.name: inputs[n] for n, b in mechanism.bindings.items() if b.channel.quantity in MOTION_QUANTITIES}
@@ -274,18 +282,19 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         numbers=trial.model_numbers,
         initial_positions={joint: float(values[0]) for joint, values in positions.items()} | dict(stated.positions),
         initial_velocities=velocities,
-        initial_pressures=(_read_initial_pressures(trial, outputs) if velocities else {}) | dict(stated.pressures),
+        initial_pressures=(_read_initial_pressures(trial, outputs, start_time) if velocities else {})
+        | dict(stated.pressures),
         unit_length=_compute_first_length(mechanism, trial.model_numbers, {**positions, **driven}, time),
     )
 
 
-def _estimate_initial_velocities(trial: Trial, outputs: Mapping[str, Binding]) -> dict[str, float]:
+def _estimate_initial_velocities(trial: Trial, outputs: Mapping[str, Binding], start_time: float) -> dict[str, float]:
     """Return joint -> velocity of each joint with a measured position, if any of them begins in motion; else nothing.
 
     Joints whose velocity the dataset states are left out.
-    A parabola through the first :data:`START_TIME_SPAN` gives the velocity. A joint moves if this velocity exceeds
-    :data:`MIN_INITIAL_SPEED` and the position changes by more than its noise from the first to the second third: a
-    joint that rests at first and is accelerated later does not.
+    A parabola through :data:`START_TIME_SPAN` from ``start_time`` on gives the velocity. A joint moves if this velocity
+    exceeds :data:`MIN_INITIAL_SPEED` and the position changes by more than its noise from the first to the second
+    third: a joint that rests at first and is accelerated later does not.
     """
     velocities, is_moving = {}, False
     for name, binding in outputs.items():
@@ -294,11 +303,12 @@ def _estimate_initial_velocities(trial: Trial, outputs: Mapping[str, Binding]) -
         if binding.name in trial.initial_state.velocities:
             continue
         series = trial.measured[name]
-        is_early = np.isfinite(series.value) & (series.time <= series.time[0] + START_TIME_SPAN)
+        is_early = np.isfinite(series.value) & (series.time >= start_time)
+        is_early &= series.time <= max(series.time[0], start_time) + START_TIME_SPAN
         third = int(is_early.sum()) // 3
         if third < 2:
             continue
-        time, value = series.time[is_early] - series.time[0], series.value[is_early]
+        time, value = series.time[is_early] - start_time, series.value[is_early]
         parabola = np.polyfit(time, value, 2)
         noise = float(np.std(value - np.polyval(parabola, time)))
         velocities[binding.name] = float(parabola[1])
@@ -308,14 +318,16 @@ def _estimate_initial_velocities(trial: Trial, outputs: Mapping[str, Binding]) -
     return velocities if is_moving else {}
 
 
-def _read_initial_pressures(trial: Trial, outputs: Mapping[str, Binding]) -> dict[str, float]:
-    """Return device -> median of its first measured pressures [Pa]."""
-    return {
-        binding.name: float(np.median(finite[:3]))
-        for name, binding in outputs.items()
-        if name in trial.measured and binding.channel.quantity == "pressure"
-        for finite in (trial.measured[name].value[np.isfinite(trial.measured[name].value)],)
-    }
+def _read_initial_pressures(trial: Trial, outputs: Mapping[str, Binding], start_time: float) -> dict[str, float]:
+    """Return device -> median of its first measured pressures [Pa] from ``start_time`` on."""
+    pressures = {}
+    for name, binding in outputs.items():
+        if name in trial.measured and binding.channel.quantity == "pressure":
+            series = trial.measured[name]
+            values = series.value[np.isfinite(series.value) & (series.time >= start_time)]
+            if len(values):
+                pressures[binding.name] = float(np.median(values[:3]))
+    return pressures
 
 
 def _interpolate(name: str, samples: TimeSeries, time: Array) -> Array:
