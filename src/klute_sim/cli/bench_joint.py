@@ -47,8 +47,8 @@ MODELS = {"joint": "antagonist_joint", "mass": "hanging_mass", "knee": "knee_jig
     type=common.NonEmptyPath(),
     default=None,
     metavar="FILE",
-    help="With sines: measured frequency response (CSV with frequency [Hz], gain [deg/bar], [mm/bar], [dB] or [1], and phase [deg]) to compare with; "
-    "the sines get its frequencies.",
+    help="With sines: measured frequency response (CSV with frequency [Hz], gain [deg/bar], [mm/bar], [dB] or [1], and "
+    "phase [deg]) to compare with; the sines get its frequencies.",
 )
 @section("Simulation")
 @common.TIME_STEP_OPTION

@@ -70,7 +70,8 @@ MIN_CADENCE, MAX_CADENCE = 48.0, 200.0
     type=common.NumberWithUnit("Hz"),
     default=None,
     metavar="HZ",
-    help="Low-pass cut-off of angles and markers [Hz]; 0: no filter. Not with --dataset, which filters nothing.  [default: 6]",
+    help="Low-pass cut-off of angles and markers [Hz]; 0: no filter. Not with --dataset, which filters nothing.  "
+    "[default: 6]",
 )
 @click.option(
     "--load-cutoff",
