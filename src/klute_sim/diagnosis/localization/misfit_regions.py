@@ -1,5 +1,6 @@
 """Localization of misfit: in which channels and under which conditions the simulation deviates."""
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -56,7 +57,7 @@ def locate_misfit(data: WeightedData, base_fit: Fit) -> list[MisfitRegion]:
         if not squares:
             continue
         squared_misfit = np.concatenate(squares)
-        joined = {name: np.concatenate([c[name] for c in conditions]) for name in conditions[0]}
+        joined = _join_conditions(conditions)
         mean_squares[channel] = max(0.0, float(squared_misfit.mean())) / noise.std**2
         region, fraction, concentration = _find_region(squared_misfit, joined)
         regions.append(MisfitRegion(channel, fraction, region, concentration))
@@ -70,6 +71,16 @@ def sample_conditions(experiment: Experiment, time: Array) -> dict[str, Array]:
     grid = np.linspace(0.0, experiment.duration, len(experiment.command))
     aligned = experiment.align_time(grid)
     return {name: np.interp(time, aligned, values) for name, values in experiment.compute_covariates().items()}
+
+
+def _join_conditions(conditions: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """Return the covariates of all groups, one after the other; NaN in groups that lack a covariate."""
+    names = dict.fromkeys(name for row in conditions for name in row)
+    unknown = [np.full(len(row["time"]), np.nan) for row in conditions]
+    return {
+        name: np.concatenate([row.get(name, nan) for row, nan in zip(conditions, unknown, strict=True)])
+        for name in names
+    }
 
 
 def _find_region(squared_misfit: Array, conditions: dict[str, Array]) -> tuple[str, float, float]:
@@ -95,7 +106,10 @@ def _find_region(squared_misfit: Array, conditions: dict[str, Array]) -> tuple[s
 
 
 def _list_splits(squared_misfit: Array, selected: Mask, conditions: dict[str, Array]) -> list[tuple[float, str, Mask]]:
-    """Return contrast, description and samples of each split of the ``selected`` samples."""
+    """Return contrast, description and samples of each split of the ``selected`` samples.
+
+    Samples whose covariate is NaN, that is unknown, belong to neither side of a split by it.
+    """
     total, count = float(squared_misfit[selected].sum()), int(selected.sum())
     splits: list[tuple[float, str, Mask]] = []
     if not total > 0.0:
@@ -104,7 +118,10 @@ def _list_splits(squared_misfit: Array, selected: Mask, conditions: dict[str, Ar
         if name == "phase":
             splits += _list_phase_windows(squared_misfit, selected, values)
             continue
-        thresholds = [0.0] if name == "speed" else [float(np.quantile(values[selected], q)) for q in SPLIT_QUANTILES]
+        known = values[selected & np.isfinite(values)]
+        if not len(known):
+            continue
+        thresholds = [0.0] if name == "speed" else [float(np.quantile(known, q)) for q in SPLIT_QUANTILES]
         for threshold in thresholds:
             for part, side in ((values > threshold, "above"), (values <= threshold, "below")):
                 samples = selected & part

@@ -1,0 +1,64 @@
+"""The region of a misfit is that of the condition in which the misfit was put."""
+
+import numpy as np
+import pytest
+
+from klute_sim.datasets.trial import TimeSeries
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.localization.misfit_regions import MisfitRegion, locate_misfit
+from klute_sim.diagnosis.noise.repeats import Residuals, estimate_noise_from_repeats
+from klute_sim.mechanism.assembly import Mechanism
+from klute_sim.plant.mjcf.model_file import load_model_file
+from tests.diagnosis.synthetic_joint_dataset import INPUTS, TENDONS
+
+SAMPLES, INTERVAL = 2000, 0.005
+TIME = np.arange(SAMPLES) * INTERVAL
+
+
+def locate(experiments: list[Experiment], residuals: Residuals) -> list[MisfitRegion]:
+    """Return the regions of ``residuals`` [SI], whose noise is that of their repeats."""
+    simulator = Simulator(1)
+    data = WeightedData(simulator, experiments, estimate_noise_from_repeats(experiments, residuals))
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), ())
+    weighted = data.weight_residuals(residuals)
+    regions = locate_misfit(data, Fit(hypothesis, np.zeros(0), weighted, np.empty((len(weighted), 0)), True, residuals))
+    simulator.close()
+    return regions
+
+
+def make_joint_trial(name: str, group: str, length: np.ndarray | None) -> MechanismExperiment:
+    """Return a trial of the antagonist joint whose first device has a ``length`` [m], (samples,)."""
+    mechanism = Mechanism(load_model_file("antagonist_joint"), TENDONS, INPUTS)
+    command = np.full(SAMPLES, 2e5)
+    return MechanismExperiment(
+        name=name,
+        group=group,
+        use="fit",
+        device=load_device("klute-3-4-pair"),
+        start_time=0.0,
+        dt=INTERVAL,
+        command=command,
+        measured={"angle_joint": TimeSeries(TIME, np.zeros(SAMPLES))},
+        mechanism=mechanism,
+        outputs={},
+        inputs=dict.fromkeys(INPUTS, command),
+        numbers={},
+        initial_positions={},
+        unit_length=length,
+    )
+
+
+def test_region_does_not_depend_on_the_order_of_groups_with_and_without_a_length() -> None:
+    """Only one group has a known length that changes; the misfit is in its lengthening."""
+    rng, lengths = np.random.default_rng(1), {"unknown": None, "moving": 0.3 + 0.01 * np.sin(2.0 * TIME)}
+    experiments = [make_joint_trial(f"{group}{k}", group, lengths[group]) for group in lengths for k in range(2)]
+    shared = np.where(np.cos(2.0 * TIME) > 0.0, 0.01, 0.0)
+    rows = [{"angle_joint": shared * (e.group == "moving") + rng.normal(0.0, 1e-3, SAMPLES)} for e in experiments]
+    (region,), (reversed_region,) = locate(experiments, rows), locate(experiments[::-1], rows[::-1])
+    assert region.region == reversed_region.region == "lengthening"
+    assert region.concentration == pytest.approx(reversed_region.concentration)
