@@ -10,7 +10,8 @@ from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.localization.misfit_map import MAX_HELD_SPEED_FRACTION, label_samples, map_misfit
+from klute_sim.diagnosis.localization.misfit_map import label_samples, map_misfit
+from klute_sim.diagnosis.localization.misfit_regions import compute_held_speed
 from klute_sim.diagnosis.noise.misfit import is_significant
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats
@@ -31,8 +32,7 @@ def map_force_misfit(size: float, region: str) -> dict[str, tuple[float, bool]]:
         if isinstance(e, BenchExperiment)
     ]
     shared, covariates = np.zeros(SAMPLES), experiments[0].compute_covariates()
-    held_speed = MAX_HELD_SPEED_FRACTION * float(np.abs(covariates["speed"]).max())
-    shared[label_samples(covariates, held_speed) == region] = size * 3.0
+    shared[label_samples(covariates, compute_held_speed(experiments)) == region] = size * 3.0
     residuals = [{"force": shared + make_correlated_noise(rng, SAMPLES, 3.0, 0.02)} for _ in range(2)]
     data = WeightedData(simulator, experiments, estimate_noise_from_repeats(experiments, residuals))
     hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), ())

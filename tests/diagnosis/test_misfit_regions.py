@@ -1,11 +1,14 @@
 """The region of a misfit is that of the condition in which the misfit was put."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
@@ -14,6 +17,7 @@ from klute_sim.diagnosis.localization.misfit_regions import MisfitRegion, locate
 from klute_sim.diagnosis.noise.repeats import Residuals, estimate_noise_from_repeats
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.plant.mjcf.model_file import load_model_file
+from tests.diagnosis.synthetic_dataset import make_repeats
 from tests.diagnosis.synthetic_joint_dataset import INPUTS, TENDONS
 
 SAMPLES, INTERVAL = 2000, 0.005
@@ -29,6 +33,15 @@ def locate(experiments: list[Experiment], residuals: Residuals) -> list[MisfitRe
     regions = locate_misfit(data, Fit(hypothesis, np.zeros(0), weighted, np.empty((len(weighted), 0)), True, residuals))
     simulator.close()
     return regions
+
+
+def make_bench_trials(length: np.ndarray) -> list[Experiment]:
+    """Return two repeats of a trial with a prescribed ``length`` [m], (samples,), and a constant pressure."""
+    return [
+        replace(e, unit_length=length, command=np.full(SAMPLES, 2e5))
+        for e in make_repeats([np.zeros(SAMPLES)] * 2)
+        if isinstance(e, BenchExperiment)
+    ]
 
 
 def make_joint_trial(name: str, group: str, length: np.ndarray | None) -> MechanismExperiment:
@@ -62,3 +75,14 @@ def test_region_does_not_depend_on_the_order_of_groups_with_and_without_a_length
     (region,), (reversed_region,) = locate(experiments, rows), locate(experiments[::-1], rows[::-1])
     assert region.region == reversed_region.region == "lengthening"
     assert region.concentration == pytest.approx(reversed_region.concentration)
+
+
+@pytest.mark.parametrize("motion", ["shortening", "held", "lengthening"])
+def test_region_tells_a_held_length_from_one_that_changes(motion: str) -> None:
+    """The length rises, is held, falls and is held again, four times, for 0.625 s each; some noise is on it."""
+    rng = np.random.default_rng(2)
+    direction = np.tile(np.repeat([1.0, 0.0, -1.0, 0.0], SAMPLES // 16), 4)
+    experiments = make_bench_trials(0.3 + 0.02 * INTERVAL * np.cumsum(direction) + rng.normal(0.0, 1e-7, SAMPLES))
+    shared = 10.0 * (direction == {"shortening": -1.0, "held": 0.0, "lengthening": 1.0}[motion])
+    (region,) = locate(experiments, [{"force": shared + rng.normal(0.0, 1.0, SAMPLES)} for _ in range(2)])
+    assert region.region.split(", ")[0] == motion

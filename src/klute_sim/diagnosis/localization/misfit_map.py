@@ -12,13 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.localization.misfit_regions import MAX_STEADY_PRESSURE_RATE, sample_conditions
+from klute_sim.diagnosis.localization.misfit_regions import (
+    MAX_STEADY_PRESSURE_RATE,
+    compute_held_speed,
+    sample_conditions,
+)
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit
 from klute_sim.diagnosis.noise.repeats import AlignedRepeats
 from klute_sim.types import Array, Mask
 
-MAX_HELD_SPEED_FRACTION = 0.02
-"""Speed below which a length counts as held, as a fraction of the largest speed of all trials."""
 N_PHASE_WINDOWS = 10
 """Number of windows of a stride."""
 Labels = NDArray[np.str_]
@@ -43,8 +45,7 @@ def map_misfit(data: WeightedData, fit: Fit) -> list[MapCell]:
     changing pressure; in gait they are tenths of the stride.
     """
     by_group = {e.group: e for e in data.experiments}
-    speeds = [np.abs(e.compute_covariates().get("speed", np.zeros(1))).max() for e in by_group.values()]
-    held_speed = MAX_HELD_SPEED_FRACTION * float(max(speeds, default=0.0))
+    held_speed = compute_held_speed(by_group.values())
 
     def label(repeats: AlignedRepeats) -> Labels:
         return label_samples(sample_conditions(by_group[repeats.group], repeats.time), held_speed)

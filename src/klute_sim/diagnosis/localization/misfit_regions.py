@@ -1,6 +1,6 @@
 """Localization of misfit: in which channels and under which conditions the simulation deviates."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,8 @@ MIN_CONTRAST = 0.2
 """Minimum fraction of the misfit minus fraction of the samples of a region."""
 MAX_STEADY_PRESSURE_RATE = 0.05e5
 """Rate of the pressure command [Pa/s] below which the pressure counts as steady."""
+MAX_HELD_SPEED_FRACTION = 0.02
+"""Speed below which a length counts as held, as a fraction of the largest speed of all trials."""
 SPLIT_QUANTILES = (0.25, 0.5, 0.75)
 """Quantiles of a condition at which the samples may be split."""
 PHASE_WINDOW_WIDTHS = (0.08, 0.12, 0.2, 0.3, 0.4)
@@ -44,6 +46,7 @@ def locate_misfit(data: WeightedData, base_fit: Fit) -> list[MisfitRegion]:
     regions, mean_squares = [], {}
     min_repeats = 2 if has_repeats(data.experiments) else 1
     by_group = {e.group: e for e in data.experiments}
+    held_speed = compute_held_speed(by_group.values())
     for channel, noise in data.noise.items():
         squares, conditions = [], []
         aligned = align_repeats(
@@ -58,12 +61,20 @@ def locate_misfit(data: WeightedData, base_fit: Fit) -> list[MisfitRegion]:
             continue
         squared_misfit = np.concatenate(squares)
         joined = _join_conditions(conditions)
+        if "speed" in joined:
+            joined["speed"] = np.where(np.abs(joined["speed"]) <= held_speed, 0.0, joined["speed"])
         mean_squares[channel] = max(0.0, float(squared_misfit.mean())) / noise.std**2
         region, fraction, concentration = _find_region(squared_misfit, joined)
         regions.append(MisfitRegion(channel, fraction, region, concentration))
     total = sum(mean_squares.values()) or 1.0
     scaled = (r._replace(fraction=r.fraction * mean_squares[r.channel] / total) for r in regions)
     return sorted(scaled, key=lambda r: -r.fraction)
+
+
+def compute_held_speed(experiments: Iterable[Experiment]) -> float:
+    """Return the largest speed [m/s] at which the length of ``experiments`` counts as held."""
+    speeds = [np.abs(e.compute_covariates().get("speed", np.zeros(1))).max() for e in experiments]
+    return MAX_HELD_SPEED_FRACTION * float(max(speeds, default=0.0))
 
 
 def sample_conditions(experiment: Experiment, time: Array) -> dict[str, Array]:
@@ -118,18 +129,28 @@ def _list_splits(squared_misfit: Array, selected: Mask, conditions: dict[str, Ar
         if name == "phase":
             splits += _list_phase_windows(squared_misfit, selected, values)
             continue
-        known = values[selected & np.isfinite(values)]
-        if not len(known):
-            continue
-        thresholds = [0.0] if name == "speed" else [float(np.quantile(known, q)) for q in SPLIT_QUANTILES]
-        for threshold in thresholds:
-            for part, side in ((values > threshold, "above"), (values <= threshold, "below")):
-                samples = selected & part
-                if samples.sum() < MIN_REGION_FRACTION * len(squared_misfit):
-                    continue
-                contrast = float(squared_misfit[samples].sum()) / total - samples.sum() / count
-                splits.append((contrast, _describe_split(name, side, threshold), samples))
+        for part, description in _list_parts(name, values, selected):
+            samples = selected & part
+            if samples.sum() < MIN_REGION_FRACTION * len(squared_misfit):
+                continue
+            contrast = float(squared_misfit[samples].sum()) / total - samples.sum() / count
+            splits.append((contrast, description, samples))
     return splits
+
+
+def _list_parts(name: str, values: Array, selected: Mask) -> list[tuple[Mask, str]]:
+    """Return the parts into which a covariate splits the samples, and their descriptions.
+
+    A speed [m/s] of 0 is a held length; another covariate splits at the quantiles of its ``selected`` values.
+    """
+    if name == "speed":
+        return [(values < 0.0, "shortening"), (values == 0.0, "held"), (values > 0.0, "lengthening")]
+    known = values[selected & np.isfinite(values)]
+    parts = []
+    for threshold in np.quantile(known, SPLIT_QUANTILES).tolist() if len(known) else []:
+        parts.append((values > threshold, _describe_split(name, "above", threshold)))
+        parts.append((values <= threshold, _describe_split(name, "below", threshold)))
+    return parts
 
 
 def _list_phase_windows(squared_misfit: Array, selected: Mask, phase: Array) -> list[tuple[float, str, Mask]]:
@@ -147,8 +168,6 @@ def _list_phase_windows(squared_misfit: Array, selected: Mask, phase: Array) -> 
 
 
 def _describe_split(name: str, side: str, threshold: float) -> str:
-    if name == "speed":
-        return "lengthening" if side == "above" else "shortening"
     if name == "pressure change":
         if threshold < MAX_STEADY_PRESSURE_RATE:
             return "while the pressure changes" if side == "above" else "at steady pressure"
