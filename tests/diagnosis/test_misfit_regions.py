@@ -86,3 +86,14 @@ def test_region_tells_a_held_length_from_one_that_changes(motion: str) -> None:
     shared = 10.0 * (direction == {"shortening": -1.0, "held": 0.0, "lengthening": 1.0}[motion])
     (region,) = locate(experiments, [{"force": shared + rng.normal(0.0, 1.0, SAMPLES)} for _ in range(2)])
     assert region.region.split(", ")[0] == motion
+
+
+def test_samples_that_count_less_hide_no_misfit() -> None:
+    """The misfit is half of the noise everywhere; in the second half the inputs are unknown, and samples count less."""
+    rng, scale = np.random.default_rng(3), np.repeat([1.0, 10.0], SAMPLES // 2)
+    trials = make_bench_trials(np.full(SAMPLES, 0.3))
+    rows = [{"force": 0.5 + rng.normal(0.0, 1.0, SAMPLES)} for _ in trials]
+    (region,) = locate([replace(e, input_error_scale={"force": scale}) for e in trials], rows)
+    assert region.fraction == pytest.approx(1.0, abs=0.05)
+    assert region.region == "before 5.0 s"
+    assert region.concentration == pytest.approx(2.0, rel=0.05)

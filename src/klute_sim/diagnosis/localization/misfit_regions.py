@@ -53,9 +53,7 @@ def locate_misfit(data: WeightedData, base_fit: Fit) -> list[MisfitRegion]:
             data.experiments, base_fit.residuals, channel, min_repeats=min_repeats, with_input_error=True
         )
         for group, time, residuals, _ in aligned:
-            # The squared mean of the repeats minus the noise in it.
-            mean, n_repeats = residuals.mean(axis=0), len(residuals)
-            squares.append(mean * mean - (noise.std**2 / n_repeats if n_repeats > 1 else 0.0))
+            squares.append(_estimate_squared_misfit(residuals))
             conditions.append(sample_conditions(by_group[group], time))
         if not squares:
             continue
@@ -82,6 +80,18 @@ def sample_conditions(experiment: Experiment, time: Array) -> dict[str, Array]:
     grid = np.linspace(0.0, experiment.duration, len(experiment.command))
     aligned = experiment.align_time(grid)
     return {name: np.interp(time, aligned, values) for name, values in experiment.compute_covariates().items()}
+
+
+def _estimate_squared_misfit(residuals: Array) -> Array:
+    """Return the mean product of different repeats' ``residuals`` (repeats, samples), or the square of a single one.
+
+    Noise is independent between repeats, so it cancels in the products, also where it is scaled down with a sample that
+    counts less.
+    """
+    n_repeats, sum_of_squares = len(residuals), np.square(residuals).sum(axis=0)
+    if n_repeats == 1:
+        return np.asarray(sum_of_squares)
+    return np.asarray((np.square(residuals.sum(axis=0)) - sum_of_squares) / (n_repeats * (n_repeats - 1.0)))
 
 
 def _join_conditions(conditions: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
