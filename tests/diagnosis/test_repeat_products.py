@@ -147,6 +147,22 @@ def test_products_are_those_of_all_pairs_of_repeats() -> None:
     assert shared.n_samples.sum(axis=0) == pytest.approx([600.0, 600.0])
 
 
+@pytest.mark.parametrize(
+    ("channel", "is_load"),
+    [
+        *[(name, True) for name in ("force", "pressure", "ankle_moment", "moment_knee", "force_flexor")],
+        *[(name, True) for name in ("pressure_flexor", "sensor_force_plate", "sensor_moment_x")],
+        *[(name, False) for name in ("muscle_length", "ankle_angle", "angle_knee", "position_sled", "site_x_tip")],
+        *[(name, False) for name in ("sensor_angle_knee", "sensor_position_sled", "unit_length_flexor")],
+    ],
+)
+def test_unit_of_a_channel_tells_a_load_from_a_motion(channel: str, is_load: bool) -> None:
+    contrasts = RepeatContrasts(channel, "g", np.ones((2, 200)), np.empty((0, 200)), 8, 1.0)
+    shared = sum_products([contrasts])
+    assert shared is not None
+    assert shared.n_samples.sum(axis=0) == pytest.approx([400.0, 0.0] if is_load else [0.0, 400.0])
+
+
 def test_a_short_trial_has_no_p_value() -> None:
     rng, simulator = np.random.default_rng(0), Simulator(1)
     rows = [rng.normal(size=200) for _ in range(2)]  # one second

@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import helmert
 
+from klute_sim.datasets.mechanism_channels import DISPLAY_UNITS
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.noise.repeats import AlignedRepeats, Noise, Residuals, align_repeats
 from klute_sim.types import Array
@@ -24,8 +26,8 @@ MIN_CORRELATION_TIMES = 3.0
 """Shortest interval in correlation times of the noise of the channel (assumed)."""
 MIN_BLOCKS = 8
 """Fewest intervals; the scatter of fewer is not known well enough."""
-LOADS = ("force", "pressure")
-"""First words of the names of channels that measure a load; the others measure a motion."""
+LOAD_UNITS = frozenset(DISPLAY_UNITS[si_unit] for si_unit in ("N", "N*m", "Pa"))
+"""Units for display of channels that measure a load; the others measure a motion."""
 
 
 class RepeatContrasts(NamedTuple):
@@ -78,7 +80,7 @@ def sum_products(contrasts: Sequence[RepeatContrasts]) -> RepeatProducts | None:
         group_products = sum(_multiply_repeats(entry, n_blocks)[:, *pairs] for entry in entries)
         counts = np.zeros((n_blocks, 2))
         for entry in entries:
-            is_motion = entry.channel.partition("_")[0] not in LOADS
+            is_motion = CHANNEL_UNITS[entry.channel][0] not in LOAD_UNITS
             counts[:, int(is_motion)] += n_repeats * np.diff(_split_samples(entry, n_blocks))
         products.append(np.ravel(group_products) * (2.0 / (n_repeats - 1.0)))
         n_samples.append(np.repeat(counts / len(pairs[0]), len(pairs[0]), axis=0))
