@@ -128,7 +128,7 @@ def test_a_disturbance_of_all_channels_makes_no_p_value_small() -> None:
             for channel in ("force", "pressure"):
                 residuals = disturbance + [make_stationary_noise(rng) for _ in range(2)]
                 rotated = np.array([residuals.sum(axis=0), residuals[0] - residuals[1]]) / np.sqrt(2.0)
-                contrasts.append(RepeatContrasts(channel, group, rotated, np.empty((0, SAMPLES)), 16, 1.0))
+                contrasts.append(RepeatContrasts(channel, group, ("0", "1"), rotated, np.empty((0, SAMPLES)), 16, 1.0))
         shared = sum_products(contrasts)
         assert shared is not None
         p_values.append(convert_to_p_value(shared, *ONLY_NOISE))
@@ -141,7 +141,8 @@ def test_products_are_those_of_all_pairs_of_repeats() -> None:
     residuals = rng.normal(size=(3, 200))
     contrasts = helmert(3, full=True) @ residuals / 2.0  # four samples carry the information of one
     empty = np.empty((0, 200))
-    shared = sum_products([RepeatContrasts(name, "g", contrasts, empty, 8, 4.0) for name in ("force_x", "angle_x")])
+    trials, channels = ("0", "1", "2"), ("force_x", "angle_x")
+    shared = sum_products([RepeatContrasts(name, "g", trials, contrasts, empty, 8, 4.0) for name in channels])
     assert shared is not None
     assert shared.products.sum() == pytest.approx(2.0 * sum((residuals[i] * residuals[i - 1]).sum() for i in range(3)))
     assert shared.n_samples.sum(axis=0) == pytest.approx([600.0, 600.0])
@@ -157,10 +158,42 @@ def test_products_are_those_of_all_pairs_of_repeats() -> None:
     ],
 )
 def test_unit_of_a_channel_tells_a_load_from_a_motion(channel: str, is_load: bool) -> None:
-    contrasts = RepeatContrasts(channel, "g", np.ones((2, 200)), np.empty((0, 200)), 8, 1.0)
+    contrasts = RepeatContrasts(channel, "g", ("0", "1"), np.ones((2, 200)), np.empty((0, 200)), 8, 1.0)
     shared = sum_products([contrasts])
     assert shared is not None
     assert shared.n_samples.sum(axis=0) == pytest.approx([400.0, 0.0] if is_load else [0.0, 400.0])
+
+
+def compute_products_with_a_missing_pressure(residuals: np.ndarray) -> tuple[RepeatProducts | None, np.ndarray]:
+    """Return the products of force and pressure (2, 3, samples), which the first repeat lacks, and their noise."""
+    simulator, (force, pressure) = Simulator(1), residuals
+    experiments = [
+        replace(e, measured=dict.fromkeys(("force", "pressure") if k else ("force",), e.measured["force"]))
+        for k, e in enumerate(make_repeats(list(force)))
+    ]
+    rows = [{"force": force[0]}, *({"force": f, "pressure": p} for f, p in zip(force[1:], pressure[1:], strict=True))]
+    data = WeightedData(simulator, experiments, estimate_noise_from_repeats(experiments, rows))
+    weighted, hypothesis = data.weight_residuals(rows), Hypothesis(load_device("klute-3-4-pair"), (), ())
+    fit = Fit(hypothesis, np.zeros(0), weighted, np.empty((len(weighted), 0)), True, rows)
+    simulator.close()
+    return compute_repeat_products(data, fit), np.array([data.noise[name].std for name in ("force", "pressure")])
+
+
+def test_a_pair_of_repeats_has_one_product_in_each_interval_over_the_channels_that_both_measured() -> None:
+    residuals = np.random.default_rng(4).normal(size=(2, 3, SAMPLES))
+    shared, noise = compute_products_with_a_missing_pressure(residuals)
+    assert shared is not None
+    assert len(shared.products) == 3 * 15  # pairs times intervals
+    force, pressure = residuals / noise[:, np.newaxis, np.newaxis]
+    both = force[1] @ force[2] + 2.0 * pressure[1] @ pressure[2]
+    sums = sorted(shared.products.reshape(3, 15).sum(axis=1))
+    assert sums == pytest.approx(sorted([force[0] @ force[1], force[0] @ force[2], both]))
+    assert shared.n_samples.sum() == pytest.approx(5 * SAMPLES)
+
+
+def test_intervals_count_once_where_one_repeat_lacks_a_channel() -> None:
+    shared, _ = compute_products_with_a_missing_pressure(np.random.default_rng(4).normal(size=(2, 3, SAMPLES // 3)))
+    assert shared is None  # five intervals
 
 
 def test_a_short_trial_has_no_p_value() -> None:

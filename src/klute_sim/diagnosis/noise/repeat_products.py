@@ -7,6 +7,7 @@ and its size may change with time and channel. All channels are summed together,
 of its supply, is in all of them.
 """
 
+import itertools
 from collections import defaultdict
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -37,6 +38,8 @@ class RepeatContrasts(NamedTuple):
     """Name of the channel."""
     group: str
     """Name of the group of repeats."""
+    trials: tuple[str, ...]
+    """Names of the repeats that measured the channel."""
     contrasts: Array
     """Combinations of the residuals over the noise of independent samples, (repeats, samples); the first is the sum."""
     influence: Array
@@ -70,29 +73,40 @@ def compute_repeat_products(data: WeightedData, fit: Fit) -> RepeatProducts | No
 
 
 def sum_products(contrasts: Sequence[RepeatContrasts]) -> RepeatProducts | None:
-    """Return the products of the repeats in ``contrasts``; None as in :func:`compute_repeat_products`."""
-    groups: dict[tuple[str, int], list[RepeatContrasts]] = defaultdict(list)
+    """Return the products of the repeats in ``contrasts``; None as in :func:`compute_repeat_products`.
+
+    A pair of repeats has one product in each interval of its group, over all channels that both measured. The pairs of
+    a channel are weighted so that a shared misfit as large as the noise adds up to its samples in all repeats.
+    """
+    groups: dict[str, list[RepeatContrasts]] = defaultdict(list)
     for entry in contrasts:
-        groups[entry.group, len(entry.contrasts)].append(entry)
-    products, n_samples = [], []
-    for (_, n_repeats), entries in groups.items():
-        n_blocks, pairs = min(entry.n_blocks for entry in entries), np.triu_indices(n_repeats, 1)
-        group_products = sum(_multiply_repeats(entry, n_blocks)[:, *pairs] for entry in entries)
-        counts = np.zeros((n_blocks, 2))
+        groups[entry.group].append(entry)
+    rows: list[Array] = []
+    n_intervals = 0
+    for entries in groups.values():
+        n_blocks = min(entry.n_blocks for entry in entries)
+        n_intervals += n_blocks
+        sums: dict[tuple[str, str], Array] = {}  # columns: products, samples of loads, samples of motions
         for entry in entries:
-            is_motion = CHANNEL_UNITS[entry.channel][0] not in LOAD_UNITS
-            counts[:, int(is_motion)] += n_repeats * np.diff(_split_samples(entry, n_blocks))
-        products.append(np.ravel(group_products) * (2.0 / (n_repeats - 1.0)))
-        n_samples.append(np.repeat(counts / len(pairs[0]), len(pairs[0]), axis=0))
-    n_intervals = sum(min(entry.n_blocks for entry in entries) for entries in groups.values())
-    return RepeatProducts(np.concatenate(products), np.concatenate(n_samples)) if n_intervals >= MIN_BLOCKS else None
+            column = 1 if CHANNEL_UNITS[entry.channel][0] in LOAD_UNITS else 2
+            block_sizes, weight = np.diff(_split_samples(entry, n_blocks)), 2.0 / (len(entry.trials) - 1.0)
+            for pair, products in _multiply_repeats(entry, n_blocks).items():
+                pair_sums = sums.setdefault(pair, np.zeros((n_blocks, 3)))
+                pair_sums[:, 0] += weight * products
+                pair_sums[:, column] += weight * block_sizes
+        rows += sums.values()
+    if n_intervals < MIN_BLOCKS:
+        return None
+    table = np.concatenate(rows)
+    return RepeatProducts(table[:, 0], table[:, 1:])
 
 
-def _multiply_repeats(entry: RepeatContrasts, n_blocks: int) -> Array:
-    """Return the products of the residuals of repeats i and j over the variance of the noise, (intervals, i, j)."""
+def _multiply_repeats(entry: RepeatContrasts, n_blocks: int) -> dict[tuple[str, str], Array]:
+    """Return pair of trials -> products of their residuals over the variance of the noise, (intervals,)."""
     residuals = np.sqrt(entry.correlation_time) * helmert(len(entry.contrasts), full=True).T @ entry.contrasts
-    products = np.einsum("it,jt->tij", residuals, residuals)
-    return np.asarray(np.add.reduceat(products, _split_samples(entry, n_blocks)[:-1], axis=0))
+    starts = _split_samples(entry, n_blocks)[:-1]
+    rows = zip(entry.trials, residuals, strict=True)
+    return {(i, j): np.add.reduceat(a * b, starts) for (i, a), (j, b) in itertools.combinations(rows, 2)}
 
 
 def _split_samples(entry: RepeatContrasts, n_blocks: int) -> list[int]:
@@ -114,13 +128,14 @@ def _collect_contrasts(data: WeightedData, fit: Fit) -> list[RepeatContrasts]:
             n_blocks = min(_count_blocks(repeats, noise), len(repeats.time))
             if n_blocks == 0:
                 continue
-            n_repeats = len(repeats.residuals)
+            trials = _list_trials(data, group, channel)
+            n_repeats = len(trials)
             correlation_time = noise.correlation_time(repeats.sampling_interval)
             scale = 1.0 / (noise.std * np.sqrt(correlation_time))
             contrasts = helmert(n_repeats, full=True) @ repeats.residuals * scale
             means = [_average_at(repeats.time, factor[group]) for factor in aligned]
             influence = np.sqrt(n_repeats) * scale * np.reshape(means, (len(means), len(repeats.time)))
-            entries.append(RepeatContrasts(channel, group, contrasts, influence, n_blocks, correlation_time))
+            entries.append(RepeatContrasts(channel, group, trials, contrasts, influence, n_blocks, correlation_time))
     n_differences = max((len(entry.contrasts) for entry in entries), default=1) - 1
     for k in range(1, n_differences + 1):
         measured = [entry for entry in entries if len(entry.contrasts) > k]
@@ -135,6 +150,12 @@ def _align_by_group(
 ) -> dict[str, AlignedRepeats]:
     aligned = align_repeats(data.experiments, residuals, channel, with_input_error=True, drops_agreeing=drops_agreeing)
     return {repeats.group: repeats for repeats in aligned}
+
+
+def _list_trials(data: WeightedData, group: str, channel: str) -> tuple[str, ...]:
+    """Return the names of the repeats in ``group`` that measured ``channel``, in the order of their residuals."""
+    members = (e for e in data.experiments if e.group == group and channel in e.measured)
+    return tuple(e.name for e in members if len(e.measured[channel].time))
 
 
 def _average_at(time: Array, repeats: AlignedRepeats) -> Array:
