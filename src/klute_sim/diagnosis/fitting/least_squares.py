@@ -315,6 +315,14 @@ def linearize(data: WeightedData, hypothesis: Hypothesis, x: Array) -> tuple[Arr
     return problem.evaluate_fine(x)[0], problem.jacobian(x)
 
 
+def compute_difference_steps(hypothesis: Hypothesis, x: Array) -> Array:
+    """Return the steps of one-sided differences at normalized parameters ``x``, (parameters,).
+
+    They are negative at an upper bound: beyond it nothing changes.
+    """
+    return np.where(x + FINITE_DIFFERENCE_STEP > hypothesis.bounds()[1], -1.0, 1.0) * FINITE_DIFFERENCE_STEP
+
+
 def compute_jacobian(data: WeightedData, hypothesis: Hypothesis, x: Array, *, coarse: bool) -> Array:
     """Return the derivative of the weighted residuals and those of the priors at normalized parameters ``x``.
 
@@ -322,14 +330,13 @@ def compute_jacobian(data: WeightedData, hypothesis: Hypothesis, x: Array, *, co
     simulation diverge gets a derivative of 0: it stays where it is.
     """
     n_priors = hypothesis.n_prior_parameters
-    signs = np.where(x + FINITE_DIFFERENCE_STEP > hypothesis.bounds()[1], -1.0, 1.0)
-    points = [x + FINITE_DIFFERENCE_STEP * sign * unit for sign, unit in zip(signs, np.eye(len(x)), strict=True)]
-    before, *after = (hypothesis.build_setups(point, data.experiments) for point in (x, *points))
+    steps = compute_difference_steps(hypothesis, x)
+    before, *after = (hypothesis.build_setups(point, data.experiments) for point in (x, *(x + np.diag(steps))))
     columns = [
-        np.concatenate([data.weight_residuals(changes) / (FINITE_DIFFERENCE_STEP * sign), prior])
-        for changes, sign, prior in zip(
+        np.concatenate([data.weight_residuals(changes) / step, prior])
+        for changes, step, prior in zip(
             data.compute_changes(before, after, coarse=coarse),
-            signs,
+            steps,
             np.eye(len(x), n_priors),
             strict=True,
         )

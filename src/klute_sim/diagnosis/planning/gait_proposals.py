@@ -12,11 +12,12 @@ import numpy as np
 
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
-from klute_sim.diagnosis.fitting.least_squares import FINITE_DIFFERENCE_STEP, Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.planning.gait_protocols import GaitProtocol, list_gait_protocols
 from klute_sim.diagnosis.planning.proposals import (
     NOT_SEPARABLE,
     RigChange,
+    build_separation_setups,
     choose_proposal,
     compute_separation,
     simulate_channels,
@@ -117,9 +118,7 @@ def _evaluate_protocol(
 ) -> list[GaitProposal]:
     experiment = protocol.change(walk)
     sampling_interval = next(iter(experiment.measured.values())).sampling_interval
-    points = [best_fit.x, *(best_fit.x + FINITE_DIFFERENCE_STEP * unit for unit in np.eye(len(best_fit.x)))]
-    setups = [*(best_fit.hypothesis.build_setups(x, [experiment]) for x in points)]
-    setups.append(alternative.hypothesis.build_setups(alternative.x, [experiment]))
+    setups = build_separation_setups(best_fit, alternative, experiment)
     try:
         observed, true_values = (
             simulate_channels(data.simulator, setups, experiment, with_sensor_errors=is_read)

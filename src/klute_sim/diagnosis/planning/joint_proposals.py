@@ -13,10 +13,11 @@ from klute_sim.datasets.mechanism import DatasetMechanism
 from klute_sim.datasets.mechanism_channels import normalize_name, parse_channel
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.mechanism import MOTION_QUANTITIES, MechanismExperiment
-from klute_sim.diagnosis.fitting.least_squares import FINITE_DIFFERENCE_STEP, Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.planning.proposals import (
     ExperimentProposal,
     RigChange,
+    build_separation_setups,
     choose_proposal,
     compute_separation,
     simulate_channels,
@@ -129,9 +130,7 @@ def _evaluate_trial(
         numbers=declared.numbers,
         initial_positions={},
     )
-    points = [best_fit.x, *(best_fit.x + FINITE_DIFFERENCE_STEP * axis for axis in np.eye(len(best_fit.x)))]
-    setups = [best_fit.hypothesis.build_setups(x, [experiment]) for x in points]
-    setups.append(alternative.hypothesis.build_setups(alternative.x, [experiment]))
+    setups = build_separation_setups(best_fit, alternative, experiment)
     try:
         observed = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=True)
         true_values = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=False)

@@ -17,7 +17,7 @@ from klute_sim.device.device import Device
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.fitting.least_squares import FINITE_DIFFERENCE_STEP, Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, compute_difference_steps
 from klute_sim.diagnosis.planning.measurement_plan import check_has_plan
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD
 from klute_sim.errors import InputError, SimulationError
@@ -194,9 +194,7 @@ def _evaluate_protocol(
         command=np.interp(grid, program.time, program.command),
         measured={channel: TimeSeries(samples, samples) for channel in channels},
     )
-    points = [best_fit.x, *(best_fit.x + FINITE_DIFFERENCE_STEP * unit for unit in np.eye(len(best_fit.x)))]
-    setups = [*(best_fit.hypothesis.build_setups(x, [experiment]) for x in points)]
-    setups.append(alternative.hypothesis.build_setups(alternative.x, [experiment]))
+    setups = build_separation_setups(best_fit, alternative, experiment)
     try:
         observed = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=True)
         true_values = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=False)
@@ -210,6 +208,13 @@ def _evaluate_protocol(
             recorded = (*data.noise, *rig_change.added_channels)
             proposals.append(ExperimentProposal(protocol, rig_change, separation, recorded))
     return proposals
+
+
+def build_separation_setups(best_fit: Fit, alternative: Fit, experiment: Experiment) -> list[list[SimulationSetup]]:
+    """Return the setups that :func:`compute_separation` needs: the best fit, its differences, and the alternative."""
+    steps = np.diag(compute_difference_steps(best_fit.hypothesis, best_fit.x))
+    setups = [best_fit.hypothesis.build_setups(x, [experiment]) for x in (best_fit.x, *(best_fit.x + steps))]
+    return [*setups, alternative.hypothesis.build_setups(alternative.x, [experiment])]
 
 
 def simulate_channels(
@@ -253,13 +258,13 @@ def weight_predictions(
 
 
 def compute_separation(best_fit: Fit, predictions: list[Array]) -> float:
-    """Return chi squared between the last of ``predictions`` and the first, refitted with the others' derivatives."""
+    """Return chi squared between the last of ``predictions`` and the first, refitted with the others' derivatives.
+
+    The predictions are those of :func:`build_separation_setups`.
+    """
     current, *perturbed, alternative = predictions
-    jacobian = (
-        np.stack([(prediction - current) / FINITE_DIFFERENCE_STEP for prediction in perturbed], axis=1)
-        if perturbed
-        else np.empty((len(current), 0))
-    )
+    steps = compute_difference_steps(best_fit.hypothesis, best_fit.x)
+    jacobian = (np.reshape(perturbed, (len(steps), len(current))) - current).T / steps
     scale = np.sqrt(N_REPEATS)
     matrix = np.concatenate([scale * jacobian, best_fit.jacobian])
     target = np.concatenate([scale * (alternative - current), np.zeros(len(best_fit.jacobian))])

@@ -1,0 +1,32 @@
+"""Separation of two models by a proposed experiment."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments.bench import BenchExperiment
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.planning.proposals import build_separation_setups, compute_separation, simulate_channels
+from tests.diagnosis.synthetic_dataset import make_repeats
+
+
+@pytest.mark.parametrize("bound", ["lower", "upper"])
+def test_parameter_at_its_bound_is_refitted(bound: str) -> None:
+    """Models that differ only in a gain are not separated, also where the gain of one is at its bound."""
+    (experiment,), samples = make_repeats([np.zeros(200)]), np.ones(200)
+    assert isinstance(experiment, BenchExperiment)
+    experiment = replace(experiment, unit_length=0.34 * samples, command=2e5 * samples)
+    gain = EffectTerm("sensor_gain", "linear", "force")
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), (("force", 3.0),), (gain,))
+    lower, upper = hypothesis.bounds()
+    at_bound, inside = {"lower": lower, "upper": upper}[bound], 0.5 * (lower + upper)
+    best, other = (Fit(hypothesis, x, np.zeros(1), np.zeros((1, 1)), True, []) for x in (at_bound, inside))
+    simulator, setups = Simulator(1), build_separation_setups(best, other, experiment)
+    readings = [row["force"] for row in simulate_channels(simulator, setups, experiment, with_sensor_errors=True)]
+    simulator.close()
+    assert np.ptp([reading[0] for reading in readings]) > 10.0
+    assert compute_separation(best, readings) == pytest.approx(0.0, abs=1e-6)
