@@ -1,5 +1,6 @@
 """Quantized channels: detection of the resolution in the data, and the model of the quantizer."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from klute_sim.datasets import dataset as datasets
+from klute_sim.datasets.trial import SensorLimits
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
 from klute_sim.diagnosis.result import DiagnosisOptions
 from klute_sim.diagnosis.verdict import verdict_to_dict
@@ -38,6 +40,17 @@ def test_resolution_and_dither_are_detected_in_the_data(step: float, zero: float
     if 0.1 < 1.5 / step < 0.5:
         # Less noise crosses fewer steps: in 144 draws the error was 25 % at 0.1 of a step, 12 % from 0.15 on.
         assert result.dither == pytest.approx(1.5 / step, rel=0.15 if 1.5 / step > 0.15 else 0.3)
+
+
+@pytest.mark.parametrize("limits", [SensorLimits(-np.inf, 300.0), SensorLimits(100.0, np.inf)])
+def test_samples_at_a_limit_hide_no_quantizer(limits: SensorLimits) -> None:
+    """A limit is stated within the range of the converter, so samples beyond it are not on its grid."""
+    noisy = [quantize(TRUE_FORCE + RNG.normal(0.0, 1.5, len(TRUE_FORCE)), 7.0) for _ in range(2)]
+    free = make_repeats(noisy)
+    clipped = [replace(e, limits={"force": limits}) for e in make_repeats([np.clip(v, *limits) for v in noisy])]
+    expected, found = (detect_quantizers(each, each)[1]["force"] for each in (free, clipped))
+    assert found.resolution == pytest.approx(expected.resolution)
+    assert found.dither == pytest.approx(expected.dither, rel=0.05)
 
 
 @pytest.mark.parametrize("step", [0.0, 0.001, 0.5])

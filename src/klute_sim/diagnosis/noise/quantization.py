@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.types import Array
@@ -59,11 +60,12 @@ def detect_quantizers(
 ) -> tuple[list[Experiment], dict[str, Quantizer]]:
     """Return ``experiments`` with the quantizers detected in ``fit_experiments``, and the quantizer of each channel.
 
-    Channels without repeats get none.
+    Channels without repeats get none. Samples at a limit of their sensor show nothing of the grid and count nowhere.
     """
-    values = [{channel: series.value for channel, series in e.measured.items()} for e in fit_experiments]
+    unlimited = [_drop_limited_samples(e) for e in fit_experiments]
+    values = [{channel: series.value for channel, series in e.measured.items()} for e in unlimited]
     quantizers = {}
-    for channel, noise in estimate_noise_from_repeats(fit_experiments, values).items():
+    for channel, noise in estimate_noise_from_repeats(unlimited, values).items():
         if channel in CHANNEL_UNITS:
             grid = _find_grid(np.concatenate([row[channel] for row in values if channel in row]))
             if grid is not None and grid.resolution > MIN_RESOLUTION_TO_NOISE * noise.std:
@@ -73,6 +75,16 @@ def detect_quantizers(
         for e in experiments
     ]
     return with_quantizers, quantizers
+
+
+def _drop_limited_samples(experiment: Experiment) -> Experiment:
+    """Return ``experiment`` without samples at the limits of a sensor: they were moved there, off the grid."""
+    measured = dict(experiment.measured)
+    for channel in measured.keys() & experiment.limits.keys():
+        (time, value), (low, high) = measured[channel], experiment.limits[channel]
+        is_inside = (value > low) & (value < high)
+        measured[channel] = TimeSeries(time[is_inside], value[is_inside])
+    return replace(experiment, measured=measured, limits={})
 
 
 class _Grid(NamedTuple):
