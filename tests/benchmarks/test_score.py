@@ -286,7 +286,19 @@ def test_size_search_stops_at_parameter_limits() -> None:
     assert steep(scale) == size
     assert sizes._search_scale(lambda s: min(s, 3.0), 8.0, lambda s: s >= 3.0) == (8.0, 3.0)
     limit = catalogue.EFFECTS["regulator_error", "gain"]["gain"]
-    assert sizes._scale_value(limit, 0.95, 100.0) == 0.7
+    assert sizes._scale_value(limit, 0.95, 100.0) == pytest.approx(0.73)  # 0.9 of the way from 1 to 0.7
+
+
+@pytest.mark.parametrize(
+    ("key", "scale", "expected"),
+    [
+        (("seal_friction", "coulomb", "force_n"), 1e6, 180.0),  # of 200
+        (("choked_valve", "symmetric", "resistance_s_bar_per_dm3"), 1e-6, catalogue.MIN_VALVE_RESISTANCE),
+    ],
+)
+def test_scaled_effect_stays_off_the_end_of_its_range(key: tuple[str, str, str], scale: float, expected: float) -> None:
+    parameter = catalogue.EFFECTS[key[:2]][key[2]]
+    assert sizes._scale_value(parameter, parameter.typical, scale) == pytest.approx(expected)
 
 
 @pytest.mark.slow
