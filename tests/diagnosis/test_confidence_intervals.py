@@ -107,7 +107,7 @@ def test_parameter_without_influence_may_have_any_value_in_its_bounds() -> None:
 
 def test_noise_of_a_repeat_is_placed_where_it_occurred() -> None:
     repeats = AlignedRepeats(
-        "g", np.array([2.0, 3.0, 4.0]), np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]), np.ones((2, 3))
+        "g", np.array([2.0, 3.0, 4.0]), np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]), np.ones((2, 3)), ("a", "b")
     )
     placed = place_noise(repeats, np.arange(6.0))
     np.testing.assert_allclose(placed[:, 2:5], repeats.deviations)

@@ -52,9 +52,9 @@ def locate_misfit(data: WeightedData, base_fit: Fit) -> list[MisfitRegion]:
         aligned = align_repeats(
             data.experiments, base_fit.residuals, channel, min_repeats=min_repeats, with_input_error=True
         )
-        for group, time, residuals, _ in aligned:
-            squares.append(_estimate_squared_misfit(residuals))
-            conditions.append(sample_conditions(by_group[group], time))
+        for repeats in aligned:
+            squares.append(_estimate_squared_misfit(repeats.residuals))
+            conditions.append(sample_conditions(by_group[repeats.group], repeats.time))
         if not squares:
             continue
         squared_misfit = np.concatenate(squares)

@@ -128,14 +128,15 @@ def _collect_contrasts(data: WeightedData, fit: Fit) -> list[RepeatContrasts]:
             n_blocks = min(_count_blocks(repeats, noise), len(repeats.time))
             if n_blocks == 0:
                 continue
-            trials = _list_trials(data, group, channel)
-            n_repeats = len(trials)
+            n_repeats = len(repeats.trials)
             correlation_time = noise.correlation_time(repeats.sampling_interval)
             scale = 1.0 / (noise.std * np.sqrt(correlation_time))
             contrasts = helmert(n_repeats, full=True) @ repeats.residuals * scale
             means = [_average_at(repeats.time, factor[group]) for factor in aligned]
             influence = np.sqrt(n_repeats) * scale * np.reshape(means, (len(means), len(repeats.time)))
-            entries.append(RepeatContrasts(channel, group, trials, contrasts, influence, n_blocks, correlation_time))
+            entries.append(
+                RepeatContrasts(channel, group, repeats.trials, contrasts, influence, n_blocks, correlation_time)
+            )
     n_differences = max((len(entry.contrasts) for entry in entries), default=1) - 1
     for k in range(1, n_differences + 1):
         measured = [entry for entry in entries if len(entry.contrasts) > k]
@@ -150,12 +151,6 @@ def _align_by_group(
 ) -> dict[str, AlignedRepeats]:
     aligned = align_repeats(data.experiments, residuals, channel, with_input_error=True, drops_agreeing=drops_agreeing)
     return {repeats.group: repeats for repeats in aligned}
-
-
-def _list_trials(data: WeightedData, group: str, channel: str) -> tuple[str, ...]:
-    """Return the names of the repeats in ``group`` that measured ``channel``, in the order of their residuals."""
-    members = (e for e in data.experiments if e.group == group and channel in e.measured)
-    return tuple(e.name for e in members if len(e.measured[channel].time))
 
 
 def _average_at(time: Array, repeats: AlignedRepeats) -> Array:

@@ -83,6 +83,8 @@ class AlignedRepeats(NamedTuple):
     """Residuals [SI] over the scale of each repeat, shape (repeats, samples)."""
     scales: Array
     """These scales, (repeats, samples)."""
+    trials: tuple[str, ...]
+    """Names of the repeats."""
 
     @property
     def sampling_interval(self) -> float:
@@ -152,7 +154,8 @@ def align_repeats(
                 scale = np.broadcast_to(scale, len(t))
                 nearest = find_nearest(t, common)
                 rows.append((residuals[k][channel][nearest] / scale[nearest], scale[nearest]))
-            aligned = AlignedRepeats(group, common, *(np.array(part) for part in zip(*rows, strict=True)))
+            values, scales = (np.array(part) for part in zip(*rows, strict=True))
+            aligned = AlignedRepeats(group, common, values, scales, tuple(experiments[k].name for k in repeats))
             is_censored = drops_agreeing and all(channel in experiments[k].limits for k in repeats)
             yield _drop_agreeing_samples(aligned) if is_censored else aligned
 
