@@ -28,6 +28,22 @@ MIN_HOSE_LENGTH = 0.5
 """Shortest hidden hose [m]: 25 of the largest inner diameters. A hose, too, replaces the ideal regulator, so a shorter
 one hardly acts less, and the search for a small size would end at micrometres."""
 
+MAX_RANGE_FRACTION = 0.9
+"""Largest distance of a parameter from neutral, over that of the end of its range; of a shape, the distance of its ends
+from 0. A value at the end of the catalogue's range cannot be told from one beyond it, so no diagnosis can name it."""
+
+
+def limit_to_range(parameter: HiddenParameter, value: float) -> float:
+    """Return ``value`` of ``parameter``, rounded, within :data:`MAX_RANGE_FRACTION` of its range."""
+    low, high, neutral = parameter.low, parameter.high, parameter.neutral
+    if neutral is None or neutral == math.inf:  # a shape, or a frequency: slower is more
+        low, high = low / MAX_RANGE_FRACTION, high if neutral else MAX_RANGE_FRACTION * high
+    else:
+        low = max(low, neutral + MAX_RANGE_FRACTION * (low - neutral))
+        high = min(high, neutral + MAX_RANGE_FRACTION * (high - neutral))
+    return float(f"{min(max(value, low), high):.6g}")
+
+
 EFFECTS: Forms = {
     ("braid_hysteresis", "coulomb"): {"slope_n_per_bar": HiddenParameter(0, 60, 8)},
     ("braid_hysteresis", "maxwell_slip"): {

@@ -16,6 +16,7 @@ from benchmarks.hidden_effects.catalogue import (
     Forms,
     HiddenParameter,
     instrument_forms,
+    limit_to_range,
 )
 from benchmarks.hidden_effects.device import load_device
 from benchmarks.hidden_effects.imperfect import draw_law_error
@@ -145,13 +146,13 @@ DatasetSpec = dict[str, Any]
 
 
 def draw_value(parameter: HiddenParameter, scale: float, sign: float = 1.0) -> float:
-    """Return the value at ``scale`` times the typical distance from neutral, within the range."""
+    """Return the value at ``scale`` times the typical distance from neutral, off the ends of the range."""
     if parameter.neutral == np.inf:  # a frequency: slower is more
         value = parameter.typical / scale
     else:
         neutral = parameter.neutral or 0.0
         value = neutral + (sign if parameter.is_signed else 1.0) * scale * (parameter.typical - neutral)
-    return float(f"{min(max(value, parameter.low), parameter.high):.6g}")
+    return limit_to_range(parameter, value)
 
 
 def draw_effect(

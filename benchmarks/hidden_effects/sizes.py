@@ -16,6 +16,7 @@ from benchmarks.hidden_effects.catalogue import (
     RELATIVE_UNCERTAINTIES,
     Forms,
     instrument_forms,
+    limit_to_range,
 )
 from benchmarks.hidden_effects.device import add_effects, build_neutral_law
 from benchmarks.hidden_effects.inputs import InputProgram
@@ -30,9 +31,6 @@ COST_TOLERANCE = 0.02
 """Relative change of the cost at which the refit ends."""
 MAX_SIGMAS = 3.0
 """Largest deviation of a number from its nominal value [standard deviations]."""
-MAX_RANGE_FRACTION = 0.9
-"""Largest distance from neutral of a scaled parameter, over that of the end of its range. An effect at the end of the
-catalogue's range cannot be told from one beyond it, so no diagnosis can name it with its size."""
 SIZE_TOLERANCE, MAX_ROUNDS = 0.1, 6
 """Relative error of a size at which its search ends, and the largest number of rounds."""
 DEVICE_FORMS: Forms = EFFECTS | OTHER_FORMS
@@ -153,14 +151,10 @@ def scale_to_target(
 
 
 def _scale_value(parameter: Any, value: float, scale: float) -> float:
-    """Return ``value`` at ``scale`` times its distance from neutral, within :data:`MAX_RANGE_FRACTION` of its range."""
-    if parameter.neutral == np.inf:  # a frequency
-        scaled = min(max(value / scale, parameter.low / MAX_RANGE_FRACTION), parameter.high)
-    else:
-        low, high = parameter.low - parameter.neutral, parameter.high - parameter.neutral
-        low, high = max(low, MAX_RANGE_FRACTION * low), MAX_RANGE_FRACTION * high  # no further from neutral
-        scaled = parameter.neutral + min(max(scale * (value - parameter.neutral), low), high)
-    return float(f"{scaled:.6g}")
+    """Return ``value`` at ``scale`` times its distance from neutral, off the ends of its range."""
+    is_frequency = parameter.neutral == np.inf  # a frequency
+    scaled = value / scale if is_frequency else parameter.neutral + scale * (value - parameter.neutral)
+    return limit_to_range(parameter, scaled)
 
 
 def _search_scale(

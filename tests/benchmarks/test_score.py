@@ -296,7 +296,9 @@ def test_size_search_stops_at_parameter_limits() -> None:
         (("choked_valve", "symmetric", "resistance_s_bar_per_dm3"), 1e-6, catalogue.MIN_VALVE_RESISTANCE),
     ],
 )
-def test_scaled_effect_stays_off_the_end_of_its_range(key: tuple[str, str, str], scale: float, expected: float) -> None:
+def test_scaled_effect_keeps_away_from_the_end_of_its_range(
+    key: tuple[str, str, str], scale: float, expected: float
+) -> None:
     parameter = catalogue.EFFECTS[key[:2]][key[2]]
     assert sizes._scale_value(parameter, parameter.typical, scale) == pytest.approx(expected)
 
