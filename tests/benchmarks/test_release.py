@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import pytest
+from benchmarks.hidden_effects.catalogue import EXACT_TWINS
 from benchmarks.hidden_effects.release import freeze as release
 from benchmarks.hidden_effects.release.scorer import compute_wilson_interval, score_answer, seal, unseal
 from benchmarks.hidden_effects.score import format_effect
@@ -104,6 +105,25 @@ def test_count_is_a_random_sample_of_a_block() -> None:
     assert len({spec["effects"][0]["name"] for spec in sample}) > 6
     assert sample != release.sample_block("single", 12, 8)
     assert len(release.sample_block("defective", 11, 7)) == 11
+
+
+def test_withheld_names_do_not_tell_what_is_hidden() -> None:
+    plan = [spec for block in release.BENCH_BLOCKS for spec in release.sample_block(block, None, 7)]
+    specs = {f"d{i:04d}": spec for i, spec in enumerate(plan)}
+    withheld = release.withhold_names(specs, 7)
+    assert withheld == release.withhold_names(specs, 7) != release.withhold_names(specs, 8)
+    real = {name for name, spec in specs.items() if spec.get("deleted")}
+    decoys = withheld.keys() - real
+    assert real < withheld.keys()
+    assert 0.9 * len(real) <= len(decoys) <= len(real)
+    assert len({specs[name]["block"] for name in decoys} - {"outside", "faint_outside"}) > 8
+    for name in decoys:
+        hidden = [e for kind in ("effects", "instruments", "numbers") for e in specs[name].get(kind, ())]
+        assert not {effect["name"] for effect in hidden} & set(withheld[name])
+        assert not {twin for effect in hidden for twin in EXACT_TWINS.get(effect["name"], ())} & set(withheld[name])
+        assert not specs[name].get("known")
+    assert {tuple(withheld[name]) for name in decoys} <= {tuple(withheld[name]) for name in real}
+    assert not release.withhold_names({"d0000": {"block": "clean", "effects": []}}, 7)
 
 
 def test_truth_scores_full_marks_and_a_silent_method_does_not(

@@ -18,7 +18,7 @@ import sys
 import tempfile
 import zipfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,23 +62,20 @@ def freeze(
     folder.mkdir(parents=True)
     specs = [spec for block in blocks for spec in sample_block(block, count, seed)]
     truths: dict[str, Any] = {}
-    withheld: dict[str, list[str]] = {}
     order = sorted(specs, key=lambda spec: hashlib.sha256(spec["name"].encode()).hexdigest())  # names tell no block
-    for index, spec in enumerate(track(order, "freezing", disable=not sys.stderr.isatty())):
-        name = f"d{index:04d}"
+    named = {f"d{index:04d}": spec for index, spec in enumerate(order)}
+    for name, spec in track(named.items(), "freezing", disable=not sys.stderr.isatty()):
         with tempfile.TemporaryDirectory() as scratch:
             arguments = {key: value for key, value in spec.items() if key != "name"}
             truth = make_dataset(Path(scratch) / name, **arguments, truth=Path(scratch) / "truth.json")
             write_parquet_dataset(Path(scratch) / name, folder / "datasets" / name)
         truths[name] = {**truth, "near_twins": [[a, b] for a, twins in EXACT_TWINS.items() for b in twins]}
-        if spec.get("deleted"):
-            withheld[name] = sorted(list_excluded(spec["effects"]))
     (folder / SEALED_FILE).write_text(seal(truths), "ascii")
     if has_open_truths:
         (folder / OPEN_FILE).write_text(json.dumps(truths, indent=1) + "\n", "utf-8")
     kinds = {effect.name: effect.kind for effect in select_effects()} | {"number_error": "number"}
     (folder / NAMES_FILE).write_text(json.dumps(kinds, indent=1) + "\n", "utf-8")
-    (folder / WITHHELD_FILE).write_text(json.dumps(withheld, indent=1) + "\n", "utf-8")
+    (folder / WITHHELD_FILE).write_text(json.dumps(withhold_names(named, seed), indent=1) + "\n", "utf-8")
     write_devices(folder)
     write_scorer(folder / "score.pyz")
     shutil.copy(ROOT / "LICENSE", folder / "LICENSE")
@@ -105,6 +102,32 @@ def sample_block(block: str, count: int | None, seed: int) -> list[dict[str, Any
     if count is None or count >= len(plan):
         return plan
     return [plan[i] for i in sorted(random.Random(f"{seed} {block}").sample(range(len(plan)), count))]
+
+
+def withhold_names(specs: Mapping[str, Mapping[str, Any]], seed: int) -> dict[str, list[str]]:
+    """Return dataset -> names that are withheld there, for the specifications ``specs`` by dataset.
+
+    Where what is hidden is to have no name, these are its name and those of its twins. The same names are withheld on a
+    dataset of another block that has them neither hidden nor as twins, so that they tell nothing; ``seed`` draws it. A
+    valve that is declared on one of the two is declared on both, because it goes with a hidden leak.
+    """
+    withheld = {name: sorted(list_excluded(spec["effects"])) for name, spec in specs.items() if spec.get("deleted")}
+    blocks = {specs[name]["block"] for name in withheld}
+    others = [name for name, spec in specs.items() if spec["block"] not in blocks]
+    random.Random(f"{seed} withheld").shuffle(others)
+    for name, names in list(withheld.items()):
+        for other in others:
+            is_alike = specs[other].get("known") == specs[name].get("known")
+            if is_alike and other not in withheld and not set(names) & list_hidden_names(specs[other]):
+                withheld[other] = names
+                break
+    return dict(sorted(withheld.items()))
+
+
+def list_hidden_names(spec: Mapping[str, Any]) -> set[str]:
+    """Return the names that ``spec`` hides, and those of their twins."""
+    groups = ("effects", "instruments", "strangers", "numbers")
+    return set(list_excluded([effect for group in groups for effect in spec.get(group, ())]))
 
 
 def write_parquet_dataset(source: Path, target: Path) -> None:
