@@ -235,6 +235,13 @@ def test_simulation_of_the_card_agrees_with_clean_data(
     assert {name for name, _ in names["candidates"]} == {name for name, kind in allowed.items() if kind == "device"}
 
 
+def test_declared_effect_is_no_answer() -> None:
+    """As the card says of the effects of a device file."""
+    truth = {"block": "single", "size": 2.0, "effects": [{"name": "leak"}], "known": [{"name": "choked_valve"}]}
+    answer = {"verdict": "identified", "effects": [{"name": "choked_valve"}, {"name": "leak"}], "alternatives": []}
+    assert score_answer("d", truth, answer).outcome == "wrong"
+
+
 @pytest.mark.parametrize(("size", "outcome"), [(0.7, "missed"), (0.5, "absorbed")])
 def test_silence_about_a_wrong_number_is_right_only_without_influence(size: float, outcome: str) -> None:
     truth = {"block": "wrong_number", "size": size, "numbers": [{"name": "number_error", "number": "muscle.c10_kpa"}]}
