@@ -209,6 +209,31 @@ def test_card_has_all_names_and_its_method_runs(frozen: tuple[Path, dict[str, An
     assert run_scorer(folder, tmp_path / "answers").returncode == 0
 
 
+def test_noise_of_the_card_needs_neither_repeats_nor_fine_steps(
+    frozen: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    folder, truths = frozen
+    (tmp_path / "datasets").mkdir()
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec((folder / "DATA_CARD.md").read_text().split("```python\n")[1].split("```")[0], names)
+    (clean,) = (name for name, truth in truths.items() if truth["block"] == "clean")
+    groups, _ = names["read_groups"](folder / "datasets" / clean)
+    alone = {group: trials[:1] for group, trials in groups.items()}
+    coarse = {
+        group: [{**trial, "force": 40.0 * np.round(trial["force"] / 40.0)} for trial in trials]
+        for group, trials in groups.items()
+    }
+    dead = {
+        group: [{**trial, "force": np.full_like(trial["force"], 0.037)} for trial in trials]
+        for group, trials in groups.items()
+    }
+    assert names["measure_noise"](groups, "force") == pytest.approx(truths[clean]["noise"]["force"], rel=0.15)
+    assert names["measure_noise"](alone, "force") == pytest.approx(truths[clean]["noise"]["force"], rel=0.3)
+    assert names["measure_noise"](coarse, "force") == pytest.approx(40.0 / 12.0**0.5)
+    assert names["measure_noise"](dead, "force") == 0.0
+
+
 def test_simulation_of_the_card_agrees_with_clean_data(
     frozen: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
