@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from benchmarks.hidden_effects.score import format_effect
 
 from klute_sim.datasets import dataset as datasets
 from klute_sim.device.device import load_device
+from klute_sim.device.rollout import simulate_rollouts
 
 pytestmark = pytest.mark.slow
 
@@ -265,6 +267,29 @@ def test_declared_effect_is_no_answer() -> None:
     truth = {"block": "single", "size": 2.0, "effects": [{"name": "leak"}], "known": [{"name": "choked_valve"}]}
     answer = {"verdict": "identified", "effects": [{"name": "choked_valve"}, {"name": "leak"}], "alternatives": []}
     assert score_answer("d", truth, answer).outcome == "wrong"
+
+
+def test_laws_of_the_card_are_those_of_the_program() -> None:
+    names: dict[str, Any] = {}
+    exec((release.HERE / "data_card.md").read_text("utf-8").split("```python\n")[3].split("```")[0], names)
+    preset = load_device("klute-3-4-pair")
+    device, parameters = tomllib.loads(preset.content.decode()), preset.parameters
+    dt = 5e-4
+    time = dt * np.arange(4000)
+    length = 0.335 + 0.022 * np.sin(7.0 * time)  # slack at both ends, one of them at the stop of the muscle
+    command = 2.5 - 2.5 * np.sign(np.sin(11.0 * time))
+    trace = simulate_rollouts(parameters, length, command * 1e5, dt)
+    assert trace.tension.min() == 0.0
+    assert trace.length.max() == 0.25
+    pressure, muscle_length, rows = trace.pressure[0] / 1e5, trace.length[0], []
+    for k in range(1, len(time)):
+        pressure = names["regulate_pressure"](device["supply"], pressure, command[k], dt)
+        force, muscle_length = names["move_muscle"](device, pressure * 1e5, length[k], muscle_length, dt)
+        rows.append((force, pressure, muscle_length))
+    tension, pressures, lengths = np.array(rows).T
+    np.testing.assert_allclose(pressures, trace.pressure[1:] / 1e5, atol=1e-9)
+    np.testing.assert_allclose(lengths, trace.length[1:], atol=1e-7)
+    np.testing.assert_allclose(tension, trace.tension[1:], atol=0.02)
 
 
 @pytest.mark.parametrize(("size", "outcome"), [(0.7, "missed"), (0.5, "absorbed")])
