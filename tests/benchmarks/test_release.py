@@ -292,6 +292,12 @@ def test_laws_of_the_card_are_those_of_the_program() -> None:
     np.testing.assert_allclose(tension, trace.tension[1:], atol=0.02)
 
 
+def test_card_defines_every_fault_of_an_instrument() -> None:
+    card = (release.HERE / "data_card.md").read_text("utf-8")
+    faults = [effect.name for effect in release.select_effects() if effect.kind == "instrument"]
+    assert re.findall(r"(?m)^\| `(\w+)` \| [zτ]", card) == faults
+
+
 @pytest.mark.parametrize(("size", "outcome"), [(0.7, "missed"), (0.5, "absorbed")])
 def test_silence_about_a_wrong_number_is_right_only_without_influence(size: float, outcome: str) -> None:
     truth = {"block": "wrong_number", "size": size, "numbers": [{"name": "number_error", "number": "muscle.c10_kpa"}]}
