@@ -257,6 +257,11 @@ def test_simulation_of_the_card_agrees_with_clean_data(
     )
     assert misfit < 0.05 * np.ptp(trial["force"])  # the uncertain numbers are not refitted
     assert misfit < without_hold
+    slow = {name: values[::4] for name, values in trial.items()}
+    slow_force, other_force = (names["simulate"](names["device"], slow, is_other)[0] for is_other in (False, True))
+    error = np.abs(slow_force - force[::4])
+    assert error.max() > 20.0
+    assert np.all(error < 3.0 + 8.0 * np.abs(other_force - slow_force))  # the noise is 3 N
     assert names["with_effect"].digest != names["changed"].digest != names["device"].digest
     allowed = json.loads(Path("names.json").read_text())
     assert {name for name, _ in names["candidates"]} == {name for name, kind in allowed.items() if kind == "device"}
