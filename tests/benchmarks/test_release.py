@@ -264,7 +264,7 @@ def test_simulation_of_the_card_agrees_with_clean_data(
     assert np.all(error < 3.0 + 8.0 * np.abs(other_force - slow_force))  # the noise is 3 N
     assert names["with_effect"].digest != names["changed"].digest != names["device"].digest
     allowed = json.loads(Path("names.json").read_text())
-    assert {name for name, _ in names["candidates"]} == {name for name, kind in allowed.items() if kind == "device"}
+    assert {name for name, _, _ in names["candidates"]} == {name for name, kind in allowed.items() if kind == "device"}
 
 
 def test_declared_effect_is_no_answer() -> None:
