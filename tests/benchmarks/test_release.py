@@ -12,10 +12,13 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import pytest
-from benchmarks.hidden_effects.catalogue import EXACT_TWINS
+from benchmarks.hidden_effects.catalogue import EXACT_TWINS, RELATIVE_UNCERTAINTIES
+from benchmarks.hidden_effects.device import load_device as load_bench_device
+from benchmarks.hidden_effects.generate import draw_bench
 from benchmarks.hidden_effects.release import freeze as release
 from benchmarks.hidden_effects.release.scorer import compute_wilson_interval, score_answer, seal, unseal
 from benchmarks.hidden_effects.score import format_effect
+from benchmarks.hidden_effects.set_up import NUMBER_ERRORS
 
 from klute_sim.datasets import dataset as datasets
 from klute_sim.device.device import load_device
@@ -265,6 +268,15 @@ def test_simulation_of_the_card_agrees_with_clean_data(
     assert names["with_effect"].digest != names["changed"].digest != names["device"].digest
     allowed = json.loads(Path("names.json").read_text())
     assert {name for name, _, _ in names["candidates"]} == {name for name, kind in allowed.items() if kind == "device"}
+
+
+def test_uncertain_numbers_are_never_the_hidden_ones() -> None:
+    """As the card says of `number_error`."""
+    assert not NUMBER_ERRORS.keys() & RELATIVE_UNCERTAINTIES.keys()
+    device = load_bench_device()
+    for seed in range(20):
+        base = draw_bench(seed, device).base
+        assert all(abs(base[key] / device[key] - 1.0) <= 2.0 * share for key, share in RELATIVE_UNCERTAINTIES.items())
 
 
 def test_declared_effect_is_no_answer() -> None:

@@ -175,7 +175,7 @@ def list_effects() -> str:
     lines += [f"- `{effect.name}`: {effect.description}" for effect in select_effects() if effect.kind == "device"]
     lines += ["", "Faults of an instrument, each with its channel:", ""]
     lines += [f"- `{effect.name}`: {effect.description}" for effect in select_effects() if effect.kind == "instrument"]
-    return "\n".join([*lines, "", "`number_error`: any number of the device file is wrong, uncertain or not."])
+    return "\n".join([*lines, "", "`number_error`: a number of the device file is wrong; never one of `[uncertain]`."])
 
 
 def main() -> None:
