@@ -78,8 +78,12 @@ def test_truths_are_sealed_and_nothing_tells_them(frozen: tuple[Path, dict[str, 
 def test_only_a_release_to_develop_on_has_open_truths(frozen: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     folder, _ = frozen
     assert not (folder / "truths.json").exists()
+    assert "This release is for scores: do not tune on it" in (folder / "DATA_CARD.md").read_text()
     truths = release.freeze(tmp_path / "own", ("clean",), 1, 4711, has_open_truths=True)
     assert json.loads((tmp_path / "own" / "truths.json").read_text()) == json.loads(json.dumps(truths))
+    card = (tmp_path / "own" / "DATA_CARD.md").read_text()
+    assert "`truths.json`, in the open" in card
+    assert "do not tune" not in card
 
 
 def test_details_show_truth_and_answer_only_where_truths_are_open(

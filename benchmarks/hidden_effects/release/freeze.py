@@ -49,6 +49,16 @@ BENCH_BLOCKS = tuple(block for block in BLOCK_SIZES if block not in (*GAIT_BLOCK
 """Blocks that are released: those of the test bench with the physics of the program."""
 SCORER_FILES = tuple(f"benchmarks/hidden_effects/{name}.py" for name in ("catalogue", "score", "release/scorer"))
 """Modules in score.pyz."""
+SEALED_TRUTHS = (
+    "`truths.sealed`: encoded against reading by accident. **This release is for scores: do not tune on it.** To "
+    "develop, make a release with another seed ([below](#a-release-to-develop-on))."
+)
+"""What the data card says of the truths of a sealed release."""
+OPEN_TRUTHS = (
+    "`truths.json`, in the open, and the same in `truths.sealed`, which `score.pyz` reads. **This release is to "
+    "develop on: read them and tune on it**, and report scores on a sealed release, or on one with another seed."
+)
+"""What the data card says of the truths of a release to develop on."""
 
 
 def freeze(
@@ -84,6 +94,7 @@ def freeze(
     fields = {
         "count": str(len(truths)),
         "kinds": ", ".join(f"{block} {n_by_block[block]}" for block in blocks),
+        "truths": OPEN_TRUTHS if has_open_truths else SEALED_TRUTHS,
         "version": klute_sim.__version__,
         "effects": list_effects(),
     }
