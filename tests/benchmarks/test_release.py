@@ -16,6 +16,7 @@ from benchmarks.hidden_effects.catalogue import EXACT_TWINS, RELATIVE_UNCERTAINT
 from benchmarks.hidden_effects.device import load_device as load_bench_device
 from benchmarks.hidden_effects.generate import draw_bench
 from benchmarks.hidden_effects.release import freeze as release
+from benchmarks.hidden_effects.release.answers import Allowed, list_faults
 from benchmarks.hidden_effects.release.scorer import compute_wilson_interval, score_answer, seal, unseal
 from benchmarks.hidden_effects.score import format_effect
 from benchmarks.hidden_effects.set_up import NUMBER_ERRORS
@@ -164,7 +165,7 @@ def test_truth_scores_full_marks_and_a_silent_method_does_not(
             "'alternatives' is 'none'; allowed: a list of lists of names",
         ),
         ([], "is []; allowed: an object with 'verdict'"),
-        ({"verdict": "identified", "effects": [{"name": "bogus"}]}, "'bogus' is no name, or is withheld here"),
+        ({"verdict": "identified", "effects": [{"name": "bogus"}]}, "'bogus' is no name of an effect; DATA_CARD.md"),
         ({"verdict": "identified", "effects": [{"name": "ankle_friction"}]}, "'ankle_friction' is no name"),
         ({"verdict": "identified", "effects": [{"name": "sensor_gain"}]}, "needs the channel of the instrument"),
         (
@@ -189,6 +190,21 @@ def test_wrong_answer_is_refused_with_one_sentence(
     assert done.returncode == 2
     assert sentence in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_all_faults_of_an_answer_are_listed() -> None:
+    allowed = Allowed({"leak": "device", "hose": "device", "sensor_gain": "instrument"}, ("leak",))
+    effects = [{"name": "bogus"}, {"name": "leak"}, {"name": "sensor_gain"}, {"name": "hose"}]
+    verdict, *names, alternative = list_faults(
+        {"verdict": [], "effects": effects, "alternatives": [["sensor_lag@force"], ["unknown_force"]]}, allowed
+    )
+    assert verdict.startswith("'verdict' is []; allowed: nothing-missing")
+    assert names == [
+        "in 'effects', 'bogus' is no name of an effect; DATA_CARD.md lists them",
+        "in 'effects', 'leak' is withheld on this dataset, as withheld.json says",
+        "in 'effects', 'sensor_gain' needs the channel of the instrument; allowed: force, pressure, muscle_length",
+    ]
+    assert alternative == "in 'alternatives', 'sensor_lag' is no name of an effect; DATA_CARD.md lists them"
 
 
 def test_missing_answer_and_missing_release_are_refused(frozen: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:

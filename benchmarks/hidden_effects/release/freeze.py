@@ -34,7 +34,8 @@ from benchmarks.hidden_effects.plan import (
     SPLIT_SEEDS,
     plan_datasets,
 )
-from benchmarks.hidden_effects.release.scorer import NAMES_FILE, OPEN_FILE, SEALED_FILE, WITHHELD_FILE, seal
+from benchmarks.hidden_effects.release.answers import WITHHELD_FILE
+from benchmarks.hidden_effects.release.scorer import NAMES_FILE, OPEN_FILE, SEALED_FILE, seal
 from benchmarks.hidden_effects.run import list_excluded
 from rich.progress import track
 
@@ -47,7 +48,9 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
 BENCH_BLOCKS = tuple(block for block in BLOCK_SIZES if block not in (*GAIT_BLOCKS, *JOINT_BLOCKS, ADVERSARY_BLOCK))
 """Blocks that are released: those of the test bench with the physics of the program."""
-SCORER_FILES = tuple(f"benchmarks/hidden_effects/{name}.py" for name in ("catalogue", "score", "release/scorer"))
+SCORER_FILES = tuple(
+    f"benchmarks/hidden_effects/{name}.py" for name in ("catalogue", "score", "release/answers", "release/scorer")
+)
 """Modules in score.pyz."""
 SEALED_TRUTHS = (
     "`truths.sealed`: encoded against reading by accident. **This release is for scores: do not tune on it.** To "

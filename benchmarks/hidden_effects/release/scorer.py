@@ -17,9 +17,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from benchmarks.hidden_effects.release.answers import WITHHELD_FILE, Allowed, AnswerError, read_answer
 from benchmarks.hidden_effects.score import (
-    FLAGGED_VERDICTS,
-    NAMING_VERDICTS,
     WRONG_OUTCOMES,
     is_first_right,
     is_out_of_catalogue,
@@ -28,26 +27,14 @@ from benchmarks.hidden_effects.score import (
     score_verdict,
 )
 
-VERDICTS = ("nothing-missing", *sorted(NAMING_VERDICTS), *sorted(FLAGGED_VERDICTS))
-"""Allowed values of ``verdict`` in an answer."""
 OPEN_FILE = "truths.json"
 """Truths of a release to develop on."""
 SEALED_FILE = "truths.sealed"
 """File of the release with the ground truths."""
 NAMES_FILE = "names.json"
 """File of the release with the allowed names and their kinds."""
-WITHHELD_FILE = "withheld.json"
-"""File of the release with the names that are not allowed on some datasets."""
-CHANNELS = ("force", "pressure", "muscle_length")
-"""Channels whose instruments may have a fault."""
-UNKNOWN_TERMS = ("unknown_force", "unknown_tendon_force", "unknown_pressure")
-"""Names in alternatives that stand for an effect without a name."""
 Z_SCORE = 1.959964
 """Quantile of the 95 % interval."""
-
-
-class AnswerError(Exception):
-    """An answer that cannot be scored."""
 
 
 class ScoredAnswer(NamedTuple):
@@ -77,58 +64,6 @@ def unseal(text: str) -> dict[str, Any]:
     """Return the ground truths in ``text``."""
     truths: dict[str, Any] = json.loads(zlib.decompress(base64.b85decode(text.strip())))
     return truths
-
-
-def read_answer(path: Path, kinds: Mapping[str, str]) -> dict[str, Any]:
-    """Return the answer in ``path``; raises AnswerError, in one sentence, when it is not one.
-
-    ``kinds`` holds the kind of every allowed name.
-    """
-    try:
-        content = json.loads(path.read_text("utf-8"))
-    except FileNotFoundError:
-        raise AnswerError(f"{path} is missing; every dataset needs an answer") from None
-    except (OSError, ValueError) as error:
-        raise AnswerError(f"{path} is not JSON: {error}") from None
-    if not isinstance(content, dict):
-        raise AnswerError(f"{path} is {content!r}; allowed: an object with 'verdict', 'effects' and 'alternatives'")
-    if content.get("verdict") not in VERDICTS:
-        raise AnswerError(f"{path}: 'verdict' is {content.get('verdict')!r}; allowed: {', '.join(VERDICTS)}")
-    effects = content.get("effects", [])
-    if not isinstance(effects, list) or not all(
-        isinstance(e, dict) and isinstance(e.get("name"), str) for e in effects
-    ):
-        raise AnswerError(f"{path}: 'effects' is {effects!r}; allowed: a list of objects with 'name'")
-    if content["verdict"] in NAMING_VERDICTS and not effects:
-        raise AnswerError(f"{path}: the verdict {content['verdict']} needs at least one entry in 'effects'")
-    alternatives = content.get("alternatives", [])
-    if not isinstance(alternatives, list) or not all(
-        isinstance(names, list) and all(isinstance(name, str) for name in names) for names in alternatives
-    ):
-        raise AnswerError(f"{path}: 'alternatives' is {alternatives!r}; allowed: a list of lists of names")
-    for effect in effects:
-        fault = find_fault(effect["name"], effect.get("number") or effect.get("channel"), kinds)
-        if fault:
-            raise AnswerError(f"{path}: in 'effects', {fault}")
-    for name in (name for names in alternatives for name in names if name not in UNKNOWN_TERMS):
-        fault = find_fault(*name.split("@", 1), kinds=kinds) if "@" in name else find_fault(name, None, kinds)
-        if fault:
-            raise AnswerError(f"{path}: in 'alternatives', {fault}")
-    return {**content, "effects": effects, "alternatives": alternatives}
-
-
-def find_fault(name: str, owner: Any, kinds: Mapping[str, str]) -> str:
-    """Return what is wrong with ``name`` of the channel or number ``owner``; '' if nothing is."""
-    kind = kinds.get(name)
-    if kind is None:
-        return f"'{name}' is no name, or is withheld here; see DATA_CARD.md and {WITHHELD_FILE}"
-    if kind == "instrument" and owner not in CHANNELS:
-        return f"'{name}' needs the channel of the instrument; allowed: {', '.join(CHANNELS)}"
-    if kind == "number" and (not isinstance(owner, str) or owner.count(".") != 1):
-        return f"'{name}' needs the number as section.key of the device file, such as muscle.bladder_radius_mm"
-    if kind == "device" and owner is not None:
-        return f"'{name}' belongs to the device and has no channel or number"
-    return ""
 
 
 def score_answer(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> ScoredAnswer:
@@ -256,14 +191,14 @@ def format_details(answers: Sequence[ScoredAnswer]) -> str:
 def score_folder(
     truths: Mapping[str, Any], kinds: Mapping[str, str], withheld: Mapping[str, Sequence[str]], folder: Path
 ) -> list[ScoredAnswer]:
-    """Return the scored answers in ``folder``; raises AnswerError with a line for each that is missing or wrong.
+    """Return the scored answers in ``folder``; raises AnswerError with a line for each fault.
 
     ``kinds`` holds the kind of every name, and ``withheld`` the names that are not allowed on a dataset.
     """
     scored, faults = [], []
     for name, truth in sorted(truths.items()):
         try:
-            allowed = {effect: kind for effect, kind in kinds.items() if effect not in withheld.get(name, ())}
+            allowed = Allowed(kinds, withheld.get(name, ()))
             scored.append(score_answer(name, truth, read_answer(folder / f"{name}.json", allowed)))
         except AnswerError as error:
             faults.append(str(error))
