@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from benchmarks.hidden_effects.device import load_device as load_bench_device
 from benchmarks.hidden_effects.generate import draw_bench
 from benchmarks.hidden_effects.release import freeze as release
 from benchmarks.hidden_effects.release.answers import Allowed, list_faults
-from benchmarks.hidden_effects.release.scorer import compute_wilson_interval, score_answer, seal, unseal
+from benchmarks.hidden_effects.release.scorer import compute_wilson_interval, read_allowed, score_answer, seal, unseal
 from benchmarks.hidden_effects.score import format_effect
 from benchmarks.hidden_effects.set_up import NUMBER_ERRORS
 
@@ -167,10 +168,10 @@ def test_truth_scores_full_marks_and_a_silent_method_does_not(
         ([], "is []; allowed: an object with 'verdict'"),
         ({"verdict": "identified", "effects": [{"name": "bogus"}]}, "'bogus' is no name of an effect; DATA_CARD.md"),
         ({"verdict": "identified", "effects": [{"name": "ankle_friction"}]}, "'ankle_friction' is no name"),
-        ({"verdict": "identified", "effects": [{"name": "sensor_gain"}]}, "needs the channel of the instrument"),
+        ({"verdict": "identified", "effects": [{"name": "sensor_gain"}]}, "needs a channel that the dataset has"),
         (
             {"verdict": "identified", "effects": [{"name": "number_error", "number": "radius"}]},
-            "needs the number as section.key",
+            "needs a number of the device file as section.key",
         ),
         (
             {"verdict": "identified", "effects": [{"name": "leak", "channel": "force"}]},
@@ -178,7 +179,7 @@ def test_truth_scores_full_marks_and_a_silent_method_does_not(
         ),
         (
             {"verdict": "indistinguishable", "effects": [{"name": "leak"}], "alternatives": [["sensor_gain@length"]]},
-            "in 'alternatives', 'sensor_gain' needs the channel",
+            "in 'alternatives', 'sensor_gain' needs a channel",
         ),
     ],
 )
@@ -193,7 +194,8 @@ def test_wrong_answer_is_refused_with_one_sentence(
 
 
 def test_all_faults_of_an_answer_are_listed() -> None:
-    allowed = Allowed({"leak": "device", "hose": "device", "sensor_gain": "instrument"}, ("leak",))
+    kinds = {"leak": "device", "hose": "device", "sensor_gain": "instrument"}
+    allowed = Allowed(kinds, ("leak",), ("pressure", "force"), set())
     effects = [{"name": "bogus"}, {"name": "leak"}, {"name": "sensor_gain"}, {"name": "hose"}]
     verdict, *names, alternative = list_faults(
         {"verdict": [], "effects": effects, "alternatives": [["sensor_lag@force"], ["unknown_force"]]}, allowed
@@ -202,9 +204,77 @@ def test_all_faults_of_an_answer_are_listed() -> None:
     assert names == [
         "in 'effects', 'bogus' is no name of an effect; DATA_CARD.md lists them",
         "in 'effects', 'leak' is withheld on this dataset, as withheld.json says",
-        "in 'effects', 'sensor_gain' needs the channel of the instrument; allowed: force, pressure, muscle_length",
+        "in 'effects', 'sensor_gain' needs a channel that the dataset has; allowed: force, pressure",
     ]
     assert alternative == "in 'alternatives', 'sensor_lag' is no name of an effect; DATA_CARD.md lists them"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "effects", "alternatives", "fault"),
+    [
+        ("nothing-missing", ["leak"], [], "the verdict nothing-missing goes with no 'effects'"),
+        ("nothing-missing", [], [["leak"]], "the verdict nothing-missing goes with no 'alternatives'"),
+        ("identified", ["leak"], [["hose"]], "the verdict identified goes with no 'alternatives'"),
+        ("identified-in-part", ["leak"], [["hose"]], "the verdict identified-in-part goes with no 'alternatives'"),
+        ("indistinguishable", ["leak"], [], "needs at least one set in 'alternatives'"),
+        ("indistinguishable", ["leak"], [[]], "needs at least one set in 'alternatives'"),
+        ("identified", ["leak", "leak"], [], "'leak' is named twice in one set"),
+        ("indistinguishable", ["leak"], [["hose", "hose"]], "'hose' is named twice in one set"),
+        ("indistinguishable", ["leak"], [["leak"]], "the set leak is listed twice"),
+        (
+            "indistinguishable",
+            ["leak"],
+            [["hose", "end_taper"], ["end_taper", "hose"]],
+            "the set end_taper + hose is listed",
+        ),
+        ("identified", ["sensor_gain@muscle_length"], [], "a channel that the dataset has; allowed: force, pressure"),
+        ("identified", ["number_error@muscle.foo"], [], "such as muscle.bladder_radius_mm; 'muscle.foo' is none"),
+        ("identified", ["unknown_force"], [], "'unknown_force' is no name of an effect"),
+        ("identified", ["sensor_gain@force", "sensor_gain@pressure", "leak"], [], None),
+        ("identified", ["number_error@muscle.c10_kpa", "number_error@muscle.c01_kpa"], [], None),
+        ("indistinguishable", ["leak"], [["leak", "hose"], ["unknown_force"]], None),
+        ("unexplained", ["unknown_force", "leak", "leak"], [["hose"]], None),
+        ("insufficient-data", ["leak"], [], None),
+    ],
+)
+def test_answer_that_contradicts_itself_or_its_dataset_is_refused(
+    verdict: str, effects: list[str], alternatives: list[list[str]], fault: str | None
+) -> None:
+    kinds = dict.fromkeys(("leak", "hose", "end_taper"), "device")
+    kinds |= {"sensor_gain": "instrument", "number_error": "number"}
+    allowed = Allowed(kinds, (), ("force", "pressure"), {"muscle.c10_kpa", "muscle.c01_kpa"})
+    named = [effect.partition("@") for effect in effects]
+    entries = [{"name": name, "number" if "." in owner else "channel": owner or None} for name, _, owner in named]
+    faults = list_faults({"verdict": verdict, "effects": entries, "alternatives": alternatives}, allowed)
+    assert len(faults) == (fault is not None)
+    assert fault is None or fault in faults[0]
+
+
+def test_verdicts_of_the_program_are_answers() -> None:
+    kinds = {effect.name: effect.kind for effect in release.select_effects()} | {"number_error": "number"}
+    document = tomllib.loads(load_device("klute-3-4-pair").content.decode())
+    numbers = {f"{name}.{key}" for name, section in document.items() if isinstance(section, dict) for key in section}
+    count = 0
+    with tarfile.open(release.ROOT / "benchmarks/hidden_effects/results/test_1313.tar.xz") as archive:
+        for member in archive:
+            name = Path(member.name).name
+            if member.isfile() and not name.endswith(".truth.json") and name.startswith(release.BENCH_BLOCKS):
+                file = archive.extractfile(member)
+                assert file is not None
+                allowed = Allowed(kinds, (), ("force", "pressure", "muscle_length"), numbers)
+                assert list_faults(json.loads(file.read()), allowed) == [], name
+                count += 1
+    assert count > 50
+
+
+def test_release_tells_the_numbers_and_channels_of_a_dataset(frozen: tuple[Path, dict[str, Any]]) -> None:
+    folder, truths = frozen
+    for name, allowed in read_allowed(folder, truths).items():
+        table = pyarrow.parquet.read_table(folder / "datasets" / name / "fit_1_a.parquet")
+        columns = {column.split(" [")[0] for column in table.column_names}
+        assert set(allowed.channels) == columns - {"time", "length", "pressure_command"}
+        assert NUMBER_ERRORS.keys() < allowed.numbers
+        assert not {"muscle.foo", "sources.muscle"} & allowed.numbers
 
 
 def test_missing_answer_and_missing_release_are_refused(frozen: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
@@ -220,7 +290,7 @@ def test_missing_answer_and_missing_release_are_refused(frozen: tuple[Path, dict
     command = [sys.executable, str(folder / "score.pyz"), str(tmp_path), "--release", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert "has no truths.sealed" in done.stderr
+    assert "truths.sealed is missing; run this in the folder of the release" in done.stderr
 
 
 def test_card_has_all_names_and_its_method_runs(frozen: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:

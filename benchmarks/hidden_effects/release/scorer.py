@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmarks.hidden_effects.release.answers import WITHHELD_FILE, Allowed, AnswerError, read_answer
+from benchmarks.hidden_effects.release.answers import WITHHELD_FILE, Allowed, AnswerError, read_answer, read_numbers
 from benchmarks.hidden_effects.score import (
     WRONG_OUTCOMES,
     is_first_right,
@@ -188,18 +188,24 @@ def format_details(answers: Sequence[ScoredAnswer]) -> str:
     return "\n".join(lines)
 
 
-def score_folder(
-    truths: Mapping[str, Any], kinds: Mapping[str, str], withheld: Mapping[str, Sequence[str]], folder: Path
-) -> list[ScoredAnswer]:
+def read_allowed(release: Path, truths: Mapping[str, Any]) -> dict[str, Allowed]:
+    """Return what an answer may name, by dataset; raises FileNotFoundError when ``release`` is incomplete."""
+    kinds, withheld = (json.loads((release / name).read_text("utf-8")) for name in (NAMES_FILE, WITHHELD_FILE))
+    return {
+        name: Allowed(kinds, withheld.get(name, ()), truth["raw_size_by_channel"].keys(), read_numbers(release, name))
+        for name, truth in truths.items()
+    }
+
+
+def score_folder(truths: Mapping[str, Any], allowed: Mapping[str, Allowed], folder: Path) -> list[ScoredAnswer]:
     """Return the scored answers in ``folder``; raises AnswerError with a line for each fault.
 
-    ``kinds`` holds the kind of every name, and ``withheld`` the names that are not allowed on a dataset.
+    ``allowed`` holds what an answer may name, by dataset.
     """
     scored, faults = [], []
     for name, truth in sorted(truths.items()):
         try:
-            allowed = Allowed(kinds, withheld.get(name, ()))
-            scored.append(score_answer(name, truth, read_answer(folder / f"{name}.json", allowed)))
+            scored.append(score_answer(name, truth, read_answer(folder / f"{name}.json", allowed[name])))
         except AnswerError as error:
             faults.append(str(error))
     faults += [
@@ -226,18 +232,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     try:
-        sealed = (options.release / SEALED_FILE).read_text("ascii")
-        kinds, withheld = (
-            json.loads((options.release / name).read_text("utf-8")) for name in (NAMES_FILE, WITHHELD_FILE)
-        )
-    except OSError:
-        parser.error(f"{options.release} has no {SEALED_FILE}; run this in the folder of the release, or use --release")
+        truths = unseal((options.release / SEALED_FILE).read_text("ascii"))
+        allowed = read_allowed(options.release, truths)
+    except FileNotFoundError as error:
+        parser.error(f"{error.filename} is missing; run this in the folder of the release, or use --release")
     if options.details and not (options.release / OPEN_FILE).exists():
         parser.error(f"{options.release} has no {OPEN_FILE}: --details is for a release to develop on")
     if not options.answers.is_dir():
         parser.error(f"{options.answers} is no folder; it should contain a file NAME.json for each dataset")
     try:
-        answers = score_folder(unseal(sealed), kinds, withheld, options.answers)
+        answers = score_folder(truths, allowed, options.answers)
     except AnswerError as error:
         print(error, file=sys.stderr)
         return 2
