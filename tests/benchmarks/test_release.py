@@ -107,6 +107,23 @@ def test_details_show_truth_and_answer_only_where_truths_are_open(
     assert f" | single | {hidden['name']} | {hidden['size']:.1f} | " in lines[2]
 
 
+def test_part_of_the_answers_is_scored_only_where_truths_are_open(
+    frozen: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    folder, truths = frozen
+    answers = write_answers(tmp_path / "a", {"d0001": {"verdict": "nothing-missing"}})
+    done = run_scorer(folder, answers, "--only-answered")
+    assert done.returncode == 2
+    assert "--only-answered is for a release to develop on" in done.stderr
+    own = tmp_path / "own"
+    shutil.copytree(folder, own)
+    (own / "truths.json").write_text(json.dumps(truths))
+    done = run_scorer(own, answers, "--only-answered", "--json")
+    assert done.stderr == "2 of 3 datasets have no answer and do not count\n"
+    assert list(json.loads(done.stdout)["outcomes"]) == ["d0001"]
+    assert run_scorer(own, answers).returncode == 2
+
+
 def test_count_is_a_random_sample_of_a_block() -> None:
     whole = release.sample_block("single", None, 7)
     sample = release.sample_block("single", 12, 7)

@@ -3,6 +3,7 @@
     python score.pyz ANSWERS                 # in the folder of the release
     python score.pyz ANSWERS --json          # one JSON object with the lines and the outcome of every dataset
     python score.pyz ANSWERS --details       # a line for every dataset, in a release to develop on
+    python score.pyz ANSWERS --only-answered # of a part of the datasets, in a release to develop on
 
 ANSWERS is a folder with one file NAME.json for each folder datasets/NAME. DATA_CARD.md describes both.
 """
@@ -225,6 +226,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--release", type=Path, default=Path("."), help="folder of the release  [default: the current folder]"
     )
+    parser.add_argument(
+        "--only-answered", action="store_true", help="leave out datasets without an answer, in a release to develop on"
+    )
     output = parser.add_mutually_exclusive_group()
     output.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
     output.add_argument(
@@ -236,10 +240,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         allowed = read_allowed(options.release, truths)
     except FileNotFoundError as error:
         parser.error(f"{error.filename} is missing; run this in the folder of the release, or use --release")
-    if options.details and not (options.release / OPEN_FILE).exists():
-        parser.error(f"{options.release} has no {OPEN_FILE}: --details is for a release to develop on")
+    for option in ("details", "only_answered"):
+        if getattr(options, option) and not (options.release / OPEN_FILE).exists():
+            name = option.replace("_", "-")
+            parser.error(f"{options.release} has no {OPEN_FILE}: --{name} is for a release to develop on")
     if not options.answers.is_dir():
         parser.error(f"{options.answers} is no folder; it should contain a file NAME.json for each dataset")
+    if options.only_answered:
+        n_datasets = len(truths)
+        truths = {name: truth for name, truth in truths.items() if (options.answers / f"{name}.json").exists()}
+        print(f"{n_datasets - len(truths)} of {n_datasets} datasets have no answer and do not count", file=sys.stderr)
     try:
         answers = score_folder(truths, allowed, options.answers)
     except AnswerError as error:
