@@ -1,6 +1,7 @@
 """A frozen release of the benchmark: what it contains, and that its scorer needs nothing but Python."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -122,6 +123,17 @@ def test_part_of_the_answers_is_scored_only_where_truths_are_open(
     assert done.stderr == "2 of 3 datasets have no answer and do not count\n"
     assert list(json.loads(done.stdout)["outcomes"]) == ["d0001"]
     assert run_scorer(own, answers).returncode == 2
+
+
+def test_reader_that_has_seen_enough_is_no_error(frozen: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    folder, truths = frozen
+    answers = write_answers(tmp_path / "a", {name: {"verdict": "nothing-missing"} for name in truths})
+    command = [sys.executable, str(folder / "score.pyz"), str(answers), "--release", str(folder)]
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_count_is_a_random_sample_of_a_block() -> None:

@@ -12,6 +12,7 @@ import argparse
 import base64
 import json
 import math
+import os
 import sys
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -258,12 +259,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows = compute_rows(answers)
     if options.json:
         outcomes = {a.name: a.outcome for a in answers}
-        print(json.dumps({"rows": [row._asdict() for row in rows], "outcomes": outcomes}, indent=1))
+        text = json.dumps({"rows": [row._asdict() for row in rows], "outcomes": outcomes}, indent=1)
     elif options.details:
-        print(format_details(answers))
+        text = format_details(answers)
     else:
         silent = {"verdict": "nothing-missing", "effects": [], "alternatives": []}
-        print(format_table(rows, compute_rows([score_answer(a.name, a.truth, silent) for a in answers])))
+        text = format_table(rows, compute_rows([score_answer(a.name, a.truth, silent) for a in answers]))
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:  # the reader has seen enough, such as `head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more at its end
     return 0
 
 
