@@ -48,6 +48,9 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
 BENCH_BLOCKS = tuple(block for block in BLOCK_SIZES if block not in (*GAIT_BLOCKS, *JOINT_BLOCKS, ADVERSARY_BLOCK))
 """Blocks that are released: those of the test bench with the physics of the program."""
+N_DECOYS = 3
+"""Datasets on which the names of one hidden effect are withheld although they are not hidden there: so many that
+`unexplained` on every such dataset is no better than `nothing-missing`, because a third of them hides nothing."""
 SCORER_FILES = tuple(
     f"benchmarks/hidden_effects/{name}.py" for name in ("catalogue", "score", "release/answers", "release/scorer")
 )
@@ -121,15 +124,15 @@ def sample_block(block: str, count: int | None, seed: int) -> list[dict[str, Any
 def withhold_names(specs: Mapping[str, Mapping[str, Any]], seed: int) -> dict[str, list[str]]:
     """Return dataset -> names that are withheld there, for the specifications ``specs`` by dataset.
 
-    Where what is hidden is to have no name, these are its name and those of its twins. The same names are withheld on a
-    dataset of another block that has them neither hidden nor as twins, so that they tell nothing; ``seed`` draws it. A
-    valve that is declared on one of the two is declared on both, because it goes with a hidden leak.
+    Where what is hidden is to have no name, these are its name and those of its twins. The same names are withheld on
+    up to :data:`N_DECOYS` datasets of other blocks that have them neither hidden nor as twins, so that they tell
+    nothing; ``seed`` draws these. A valve that is declared on one is declared on all, because a hidden leak needs it.
     """
     withheld = {name: sorted(list_excluded(spec["effects"])) for name, spec in specs.items() if spec.get("deleted")}
     blocks = {specs[name]["block"] for name in withheld}
     others = [name for name, spec in specs.items() if spec["block"] not in blocks]
     random.Random(f"{seed} withheld").shuffle(others)
-    for name, names in list(withheld.items()):
+    for name, names in list(withheld.items()) * N_DECOYS:
         for other in others:
             is_alike = specs[other].get("known") == specs[name].get("known")
             if is_alike and other not in withheld and not set(names) & list_hidden_names(specs[other]):
