@@ -283,6 +283,12 @@ def test_pair_that_explains_together_what_neither_does_alone_comes_first() -> No
     assert {first.term, second.term} == {friction, taper}
 
 
+def test_fewer_than_two_candidates_make_no_pair() -> None:
+    candidate = make_candidate(FRICTION, np.array([1.0]), np.array([2.0]))
+    assert screen_pairs(make_fit(()), []) == []
+    assert screen_pairs(make_fit(()), [candidate]) == []
+
+
 def test_jackknife_covers_the_spread_of_the_refits() -> None:
     fit = replace(make_fit((FRICTION,), [1.0]), jacobian=np.array([[1e6]]), weighted_residuals=np.zeros(1))
     points = np.array([[0.9], [1.0], [1.1], [1.0]])

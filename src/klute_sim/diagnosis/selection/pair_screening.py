@@ -34,7 +34,9 @@ def screen_pairs(base_fit: Fit, candidates: Sequence[Candidate]) -> list[Candida
     By linearisation at ``base_fit``: the sensitivities orthogonal to the fitted parameters are projected together. A
     pair of equal effects, and one in which a size would leave its bounds, is omitted.
     """
-    directions = np.array([c.direction for c in candidates]).reshape(len(candidates), -1)
+    if len(candidates) < 2:
+        return []
+    directions = np.array([c.direction for c in candidates])
     cosines = directions @ directions.T
     projections = -directions @ base_fit.weighted_residuals
     best: dict[frozenset[tuple[str | None, ...]], tuple[float, int, int]] = {}
