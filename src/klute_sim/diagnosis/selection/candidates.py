@@ -108,13 +108,24 @@ def list_further_terms(candidate_terms: Iterable[EffectTerm], current: Fit) -> l
     An error of a number that is declared uncertain is among them only where ``current`` contradicts the declaration,
     or where it is that of one specimen: the declared uncertainty is that of all together.
     """
-    used = {term.identity for term in current.hypothesis.terms}
+    used = current.hypothesis.terms
     closed = dict(current.hypothesis.uncertainties).keys() - list_contradicted_numbers(current)
     return [
         term
         for term in candidate_terms
-        if term.identity not in used and (term.specimen is not None or term.number not in closed)
+        if not any(is_same_cause(term, other) for other in used)
+        and (term.specimen is not None or term.number not in closed)
     ]
+
+
+def is_same_cause(term: EffectTerm, other: EffectTerm) -> bool:
+    """Return whether two terms are one effect of one device, channel or part, or errors of one number.
+
+    Their forms may differ. An effect of all tendons is one with that of a single tendon: a device file holds it once.
+    """
+    tendons = {term.tendon, other.tendon}
+    is_overlapping = len(tendons) == 1 or None in tendons
+    return is_overlapping and term._replace(tendon=None).identity == other._replace(tendon=None).identity
 
 
 def list_contradicted_numbers(fit: Fit) -> set[str]:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.selection.candidates import is_same_cause
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
 
@@ -44,7 +45,7 @@ def screen_pairs(base_fit: Fit, candidates: Sequence[Candidate]) -> list[Candida
         for k in range(i + 1, len(candidates)):
             first, second = candidates[i], candidates[k]
             determinant = 1.0 - cosines[i, k] ** 2
-            if first.term.identity == second.term.identity or determinant < MIN_DETERMINANT:
+            if is_same_cause(first.term, second.term) or determinant < MIN_DETERMINANT:
                 continue
             a = (projections[i] - cosines[i, k] * projections[k]) / determinant
             b = (projections[k] - cosines[i, k] * projections[i]) / determinant

@@ -26,6 +26,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
 from klute_sim.diagnosis.selection.bounds import restore_declared_numbers, simplify_at_bound
+from klute_sim.diagnosis.selection.candidates import is_same_cause
 from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_numbers_at_limit
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
@@ -157,8 +158,8 @@ class PredictiveSelection:
 
     def _extend_best(self, current: Fit, count: int, fits: dict[frozenset[EffectTerm], Fit]) -> None:
         """Add to ``fits`` the refits of ``current`` with each of the ``count`` terms that promise most beside it."""
-        used = {term.identity for term in current.hypothesis.terms}
-        unused = [term for term in self.candidate_terms if term.identity not in used]
+        used = current.hypothesis.terms
+        unused = [term for term in self.candidate_terms if not any(is_same_cause(term, other) for other in used)]
         best = _select_best(screen_candidates(self.data, current, unused), count)
         self._extend(current, [candidate.term for candidate in best], fits)
 

@@ -1,0 +1,29 @@
+"""Which effects may be added to a fit: each once for a device."""
+
+import numpy as np
+import pytest
+
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.selection.candidates import list_further_terms
+
+PAIR = load_device("klute-3-4-pair")
+FOR_ALL, SHAPED = EffectTerm("seal_friction", "coulomb"), EffectTerm("seal_friction", "stribeck")
+FLEXOR, EXTENSOR = (EffectTerm("seal_friction", "coulomb", tendon=tendon) for tendon in ("flexor", "extensor"))
+GAINS = [EffectTerm("sensor_gain", "linear", channel) for channel in ("force", "pressure")]
+
+
+def make_fit(*terms: EffectTerm) -> Fit:
+    hypothesis = Hypothesis(PAIR, (), (("force", 3.0), ("pressure", 1e3)), terms)
+    x = hypothesis.initial_point()
+    return Fit(hypothesis, x, np.zeros(1), np.ones((1, len(x))), True, [])
+
+
+@pytest.mark.parametrize(
+    ("used", "further"),
+    [(FOR_ALL, GAINS), (SHAPED, GAINS), (FLEXOR, [EXTENSOR, *GAINS]), (GAINS[0], [FLEXOR, EXTENSOR, SHAPED, GAINS[1]])],
+)
+def test_effect_of_all_tendons_is_not_added_to_one_of_them(used: EffectTerm, further: list[EffectTerm]) -> None:
+    """The file of a device holds one form of an effect."""
+    assert list_further_terms([FLEXOR, EXTENSOR, SHAPED, *GAINS], make_fit(used)) == further
