@@ -1,12 +1,13 @@
-"""Which effects may be added to a fit: each once for a device."""
+"""Which effects may be added to a fit: each once for a device, and only to a device that may lack it."""
 
 import numpy as np
 import pytest
 
-from klute_sim.device.device import load_device
+from klute_sim.device.device import load_device, parse_device
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.diagnosis.selection.candidates import list_further_terms
+from klute_sim.diagnosis.selection.candidates import list_device_terms, list_further_terms
+from klute_sim.effects import catalogue
 
 PAIR = load_device("klute-3-4-pair")
 FOR_ALL, SHAPED = EffectTerm("seal_friction", "coulomb"), EffectTerm("seal_friction", "stribeck")
@@ -27,3 +28,17 @@ def make_fit(*terms: EffectTerm) -> Fit:
 def test_effect_of_all_tendons_is_not_added_to_one_of_them(used: EffectTerm, further: list[EffectTerm]) -> None:
     """The file of a device holds one form of an effect."""
     assert list_further_terms([FLEXOR, EXTENSOR, SHAPED, *GAINS], make_fit(used)) == further
+
+
+def test_effect_is_no_candidate_for_a_tendon_whose_device_cannot_lack_it() -> None:
+    leaking = parse_device(PAIR.content + b"\n[effects.leak]\nconductance_dm3_per_s_bar = 0.01\n", "leaking")
+    leak = catalogue.get_effects()["leak"]
+    for_all, flexor, extensor = EffectTerm("leak", "orifice"), *(
+        EffectTerm("leak", "orifice", tendon=tendon) for tendon in ("flexor", "extensor")
+    )
+    assert list_device_terms(leak, PAIR, {"flexor": PAIR, "extensor": PAIR}) == [for_all, flexor, extensor]
+    assert list_device_terms(leak, PAIR, {"flexor": leaking, "extensor": PAIR}) == [extensor]
+    assert list_device_terms(leak, leaking, {"flexor": PAIR, "extensor": leaking}) == [flexor]
+    assert list_device_terms(leak, PAIR, {"only": leaking}) == []
+    assert list_device_terms(leak, PAIR, {}) == [for_all]
+    assert list_device_terms(leak, leaking, {}) == []

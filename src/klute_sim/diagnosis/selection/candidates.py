@@ -1,6 +1,6 @@
 """Candidate effects and numbers: what a dataset may show, and what may be added to a fit."""
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 
 from klute_sim.datasets.dataset import Dataset
 from klute_sim.device.device import Device
@@ -148,15 +148,14 @@ def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
     device = dataset.device
     terms = []
     for effect in catalogue.get_named_effects().values():
-        if not device.spec.can_add_effect(effect):
-            continue
         if is_supply_only(data.experiments) and not acts_on_pressure(effect):
             continue
-        if effect.kind == "device" or (effect.kind == "body" and data.experiments[0].has_body):
+        if effect.kind == "device":
+            terms += list_device_terms(effect, device, data.experiments[0].devices)
+        elif not device.spec.can_add_effect(effect):
+            continue
+        elif effect.kind == "body" and data.experiments[0].has_body:
             terms += [EffectTerm(effect.name, form.name) for form in device.spec.list_candidate_forms(effect)]
-            if effect.kind == "device" and len(data.experiments[0].devices) > 1:  # one device may have what others lack
-                tendons = data.experiments[0].devices
-                terms += [EffectTerm(effect.name, effect.forms[0].name, tendon=tendon) for tendon in tendons]
         elif effect.kind == "mechanism":
             terms += _list_mechanism_terms(effect, data.experiments[0], dataset)
         elif effect.kind == "instrument":
@@ -170,6 +169,22 @@ def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
         numbers = {key: error for key, error in numbers.items() if not key.startswith("mounting.")}
     model_numbers = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))
     return terms + [EffectTerm(NUMBER_ERROR_NAME, "value", number=key) for key in (*numbers, *model_numbers)]
+
+
+def list_device_terms(effect: Effect, device: Device, devices: Mapping[str, Device]) -> list[EffectTerm]:
+    """Return ``effect`` in each form that all ``devices`` (by tendon; none: ``device``) may lack, and on each tendon.
+
+    One of several devices may have what the others lack, or what they have already.
+    """
+    specs = [each.spec for each in devices.values()] or [device.spec]
+    terms = []
+    if all(spec.can_add_effect(effect) for spec in specs):
+        shared = [form for form in effect.forms if all(form in spec.list_candidate_forms(effect) for spec in specs)]
+        terms = [EffectTerm(effect.name, form.name) for form in shared]
+    if len(devices) > 1:
+        able = [tendon for tendon, own in devices.items() if own.spec.can_add_effect(effect)]
+        terms += [EffectTerm(effect.name, effect.forms[0].name, tendon=tendon) for tendon in able]
+    return terms
 
 
 def _list_mechanism_terms(effect: Effect, experiment: Experiment, dataset: Dataset) -> list[EffectTerm]:
