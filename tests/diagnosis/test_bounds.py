@@ -21,7 +21,12 @@ from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, Se
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_terms_at_bound
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
-from klute_sim.diagnosis.selection.robustness import EquivalentModel, find_equivalent_models, refine_and_simplify
+from klute_sim.diagnosis.selection.robustness import (
+    EquivalentModel,
+    find_equivalent_models,
+    refine_and_simplify,
+    settle_model,
+)
 from tests.diagnosis.synthetic_dataset import make_repeats
 
 DEVICE = load_device("klute-3-4-pair")
@@ -118,8 +123,9 @@ def test_adequate_model_at_a_bound_is_not_named(
         return [EquivalentModel(other, 3.0)] if has_equivalent and fit is at_bound else []
 
     monkeypatch.setattr(final_model, "find_data_driven_rival", lambda *_: None)
-    monkeypatch.setattr(final_model, "refine_and_simplify", lambda search, fit, rng: (fit, True))
-    monkeypatch.setattr(final_model, "find_equivalent_models", find_models)
+    monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
+    monkeypatch.setattr(robustness, "refine_and_simplify", lambda search, fit, rng: (fit, True))
+    monkeypatch.setattr(robustness, "find_equivalent_models", find_models)
     monkeypatch.setattr(final_model, "_decide_verdict", lambda *_: (verdict, []))
     monkeypatch.setattr(final_model, "compute_confidence_intervals", lambda *_: [])
     monkeypatch.setattr(final_model, "compute_equation_residuals", lambda *_: [])
@@ -129,6 +135,24 @@ def test_adequate_model_at_a_bound_is_not_named(
         assert selected.final_fit is other
     else:
         assert (selected is None) == (verdict == "identified")
+
+
+@pytest.mark.parametrize("is_smaller", [True, False])
+@pytest.mark.parametrize("has_misfit", [True, False])
+def test_model_that_leaves_a_misfit_replaces_none_that_reaches_the_noise(
+    is_smaller: bool, has_misfit: bool, data: WeightedData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    best, other = make_fit(RELAXATION, time_constant_s=1.0 if is_smaller else 100.0), make_fit(COULOMB)
+
+    def find_models(search: ForwardSelection, fit: Fit) -> list[EquivalentModel]:
+        return [EquivalentModel(other, 3.0)] if fit is best else []
+
+    monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: has_misfit and fit is other)
+    monkeypatch.setattr(robustness, "refine_and_simplify", lambda search, fit, rng: (fit, True))
+    monkeypatch.setattr(robustness, "find_smaller_model", lambda *_: other if is_smaller else None)
+    monkeypatch.setattr(robustness, "find_equivalent_models", find_models)
+    fit, _, _ = settle_model(ForwardSelection(data, [], []), best, 0, lambda *_: None)
+    assert fit is (best if has_misfit else other)
 
 
 def test_predictions_decide_where_an_adequate_model_may_not_be_named(

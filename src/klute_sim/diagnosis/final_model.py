@@ -22,22 +22,18 @@ from klute_sim.diagnosis.imperfect_law import ImperfectLawDecision, compute_jack
 from klute_sim.diagnosis.localization.equation_residuals import EquationResidual, compute_equation_residuals
 from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
 from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
+from klute_sim.diagnosis.selection.bounds import has_value_at_bound
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import (
     describe_coincidence,
-    find_infeasible_terms,
     find_naming_obstacle,
-    find_numbers_at_limit,
-    find_terms_at_bound,
 )
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.diagnosis.selection.robustness import (
     EquivalentModel,
     check_convergence,
-    find_equivalent_models,
-    find_smaller_model,
-    refine_and_simplify,
+    settle_model,
 )
 from klute_sim.types import ProgressCallback
 
@@ -75,21 +71,7 @@ def select_adequate_model(
     data_driven_model = find_data_driven_rival(search, base_fit, final_fit, options.exclude)
     if data_driven_model is not None and data_driven_model.difference < -compute_decisive_threshold(search):
         return _refuse_names(search, base_fit, final_fit, data_driven_model, options)
-    progress(0.65, "restarting the fit from another point")
-    final_fit, has_converged = refine_and_simplify(search, final_fit, np.random.default_rng(options.seed))
-    smaller_fit = find_smaller_model(search, final_fit)
-    if smaller_fit is not None:
-        checked = refine_and_simplify(search, smaller_fit, np.random.default_rng(options.seed))
-        if not _has_value_at_bound(checked[0]):
-            final_fit, has_converged = checked
-    progress(0.7, "searching for equivalent models")
-    equivalent_models = find_equivalent_models(search, final_fit)
-    if equivalent_models and (
-        equivalent_models[0].difference < -search.bic_threshold or _has_value_at_bound(final_fit)
-    ):
-        better_fit = equivalent_models[0].fit
-        final_fit, has_converged = refine_and_simplify(search, better_fit, np.random.default_rng(options.seed))
-        equivalent_models = find_equivalent_models(search, final_fit)
+    final_fit, has_converged, equivalent_models = settle_model(search, final_fit, options.seed, progress)
     data_driven_model = find_data_driven_rival(search, base_fit, final_fit, options.exclude)
     if data_driven_model is not None and data_driven_model.difference < -compute_refusal_threshold(search):
         return _refuse_names(search, base_fit, final_fit, data_driven_model, options)
@@ -99,7 +81,7 @@ def select_adequate_model(
         verdict, equivalent_models, reasons = "indistinguishable", [rival.model], [rival.sentence, *reasons]
     if verdict == "unexplained":  # proxies have no alternatives
         equivalent_models = []
-    if verdict in ("identified", "indistinguishable") and _has_value_at_bound(final_fit):
+    if verdict in ("identified", "indistinguishable") and has_value_at_bound(final_fit):
         return None
     return FinalModel(
         verdict,
@@ -112,12 +94,6 @@ def select_adequate_model(
         compute_equation_residuals(data, final_fit),
         has_converged,
     )
-
-
-def _has_value_at_bound(fit: Fit) -> bool:
-    """Return whether ``fit`` has a parameter or a number at its bound, or parameters that no part has."""
-    at_bound = find_terms_at_bound(fit) or find_infeasible_terms(fit)
-    return bool(at_bound or (fit.hypothesis.terms and find_numbers_at_limit(fit)))
 
 
 def select_decisive_term(

@@ -6,7 +6,13 @@ from dataclasses import replace
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.selection.forward_selection import refit_with_replacement
-from klute_sim.diagnosis.selection.naming import find_numbers_at_limit, find_terms_at_bound
+from klute_sim.diagnosis.selection.naming import find_infeasible_terms, find_numbers_at_limit, find_terms_at_bound
+
+
+def has_value_at_bound(fit: Fit) -> bool:
+    """Return whether ``fit`` has a parameter or a number at its bound, or parameters that no part has."""
+    at_bound = find_terms_at_bound(fit) or find_infeasible_terms(fit)
+    return bool(at_bound or (fit.hypothesis.terms and find_numbers_at_limit(fit)))
 
 
 def simplify_terms(data: WeightedData, fit: Fit, terms: Sequence[EffectTerm]) -> Fit:

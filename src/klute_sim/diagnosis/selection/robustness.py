@@ -5,11 +5,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
-from klute_sim.diagnosis.selection.bounds import refine_names, simplify_at_bound
+from klute_sim.diagnosis.selection.bounds import has_value_at_bound, refine_names, simplify_at_bound
 from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_without_term
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.screening import screen_candidates, select_shortlist
+from klute_sim.types import ProgressCallback
 
 MAX_REPLACEMENTS = 5
 """Maximum number of candidates that replace a term."""
@@ -35,6 +36,30 @@ class EquivalentModel(NamedTuple):
     criterion: Literal["BIC", "prediction error"] = "BIC"
     """What is compared: BIC, or the squared error of prediction, whose difference is relative to that of the best
     fit."""
+
+
+def settle_model(
+    search: ForwardSelection, best_fit: Fit, seed: int, progress: ProgressCallback
+) -> tuple[Fit, bool, list[EquivalentModel]]:
+    """Return the refined model that ``best_fit`` ends with, whether it has converged, and its equivalents, best first.
+
+    A smaller model takes its place, or an equivalent one where BIC prefers it decisively or ``best_fit`` has a value at
+    a bound. None does that leaves a misfit.
+    """
+    progress(0.65, "restarting the fit from another point")
+    fit, has_converged = refine_and_simplify(search, best_fit, np.random.default_rng(seed))
+    smaller_fit = find_smaller_model(search, fit)
+    if smaller_fit is not None:
+        smaller_fit, is_reproducible = refine_and_simplify(search, smaller_fit, np.random.default_rng(seed))
+        if not has_value_at_bound(smaller_fit) and not search.has_misfit(smaller_fit):
+            fit, has_converged = smaller_fit, is_reproducible
+    progress(0.7, "searching for equivalent models")
+    equivalent_models = find_equivalent_models(search, fit)
+    adequate = [model for model in equivalent_models if not search.has_misfit(model.fit)]
+    if adequate and (adequate[0].difference < -search.bic_threshold or has_value_at_bound(fit)):
+        fit, has_converged = refine_and_simplify(search, adequate[0].fit, np.random.default_rng(seed))
+        equivalent_models = find_equivalent_models(search, fit)
+    return fit, has_converged, equivalent_models
 
 
 def find_smaller_model(search: ForwardSelection, best_fit: Fit) -> Fit | None:
