@@ -155,6 +155,23 @@ def test_model_that_leaves_a_misfit_replaces_none_that_reaches_the_noise(
     assert fit is (best if has_misfit else other)
 
 
+def test_better_model_among_the_equivalents_of_an_equivalent_one_is_found(
+    data: WeightedData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the verdict would say that BIC differs by no more than the threshold, and it would differ by more."""
+    chain = [make_fit(term) for term in (COULOMB, THRESHOLD, GAIN)]
+
+    def find_models(search: ForwardSelection, fit: Fit) -> list[EquivalentModel]:
+        rank = chain.index(fit)
+        return [EquivalentModel(chain[rank + 1], -10.0)] if rank < 2 else [EquivalentModel(chain[1], 10.0)]
+
+    monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
+    monkeypatch.setattr(robustness, "refine_and_simplify", lambda search, fit, rng: (fit, True))
+    monkeypatch.setattr(robustness, "find_equivalent_models", find_models)
+    fit, _, (rival,) = settle_model(ForwardSelection(data, [], []), chain[0], 0, lambda *_: None)
+    assert (fit, rival.fit) == (chain[2], chain[1])
+
+
 def test_predictions_decide_where_an_adequate_model_may_not_be_named(
     data: WeightedData, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,6 +14,8 @@ from klute_sim.types import ProgressCallback
 
 MAX_REPLACEMENTS = 5
 """Maximum number of candidates that replace a term."""
+MAX_EXCHANGES = 4
+"""Maximum number of times that an equivalent model takes the place of the best one."""
 RESTART_SIGMAS = 3.0
 """Distance of the restart from the fit, in standard errors of each parameter."""
 MIN_RESTART_OFFSET = 0.02
@@ -55,8 +57,10 @@ def settle_model(
             fit, has_converged = smaller_fit, is_reproducible
     progress(0.7, "searching for equivalent models")
     equivalent_models = find_equivalent_models(search, fit)
-    adequate = [model for model in equivalent_models if not search.has_misfit(model.fit)]
-    if adequate and (adequate[0].difference < -search.bic_threshold or has_value_at_bound(fit)):
+    for _ in range(MAX_EXCHANGES):  # the equivalents of another model may hold a better one
+        adequate = [model for model in equivalent_models if not search.has_misfit(model.fit)]
+        if not adequate or not (adequate[0].difference < -search.bic_threshold or has_value_at_bound(fit)):
+            break
         fit, has_converged = refine_and_simplify(search, adequate[0].fit, np.random.default_rng(seed))
         equivalent_models = find_equivalent_models(search, fit)
     return fit, has_converged, equivalent_models
