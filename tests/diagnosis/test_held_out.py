@@ -121,6 +121,8 @@ def test_misfit_that_the_numbers_absorb_demotes_no_verdict(verdict: Verdict, dat
         (12.0, 3.1, "confirmed", "identified", False),
         (12.0, 11.0, "not-confirmed", "unexplained", False),
         (6.0, 12.0, "not-confirmed", "unexplained", True),
+        (2.0, 3.1, "confirmed", "identified", False),  # both are as near as the noise permits
+        (2.0, 3.3, "not-confirmed", "unexplained", True),
     ],
 )
 def test_names_hold_only_if_the_gap_of_test_trials_shrinks(
@@ -129,6 +131,14 @@ def test_names_hold_only_if_the_gap_of_test_trials_shrinks(
     diagnosis = make_diagnosis(dataset, "identified", refitted=refitted, with_effects=with_effects)
     record_confirmation(diagnosis)
     assert (diagnosis.held_out, diagnosis.verdict, diagnosis.is_worse_on_test) == (held_out, verdict, is_worse)
+
+
+def test_channel_below_the_noise_makes_up_for_no_other(dataset: datasets.Dataset) -> None:
+    diagnosis = make_diagnosis(dataset, "identified", refitted=4.0, with_effects=4.5)
+    quiet = ChannelRms(nominal=1.0, refitted=0.8, with_effects=0.1, noise_floor=1.0)
+    diagnosis.channel_rms["pressure"] = quiet
+    record_confirmation(diagnosis)
+    assert (diagnosis.held_out, diagnosis.is_worse_on_test) == ("not-confirmed", True)
 
 
 def test_trials_in_which_the_effects_do_not_act_confirm_none(dataset: datasets.Dataset) -> None:

@@ -220,8 +220,8 @@ def record_confirmation(diagnosis: Diagnosis, *, is_exercised: bool = True) -> N
 
     Trials in which the effects change nothing (not ``is_exercised``) confirm none, however well they are predicted.
     """
-    squares = [
-        (np.square([gap.refitted, gap.with_effects]) / gap.noise_floor**2 - 1.0)
+    squares = [  # a gap below the noise is none, and makes up for no other
+        np.maximum(0.0, np.square([gap.refitted, gap.with_effects]) / gap.noise_floor**2 - 1.0)
         for gap in diagnosis.channel_rms.values()
         if gap.noise_floor
     ] or _compare_without_noise(diagnosis)
