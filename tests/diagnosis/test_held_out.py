@@ -1,6 +1,7 @@
 """What test trials decide: they confirm names, demote a verdict, and reveal a misfit that other trials do not show."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -131,6 +132,16 @@ def test_names_hold_only_if_the_gap_of_test_trials_shrinks(
     diagnosis = make_diagnosis(dataset, "identified", refitted=refitted, with_effects=with_effects)
     record_confirmation(diagnosis)
     assert (diagnosis.held_out, diagnosis.verdict, diagnosis.is_worse_on_test) == (held_out, verdict, is_worse)
+
+
+@pytest.mark.parametrize(("with_effects", "held_out"), [(3.09, "not-tested"), (3.4, "not-confirmed")])
+def test_gap_that_is_small_from_the_start_refutes_no_part_of_an_imperfect_law(
+    with_effects: float, held_out: str, dataset: datasets.Dataset
+) -> None:
+    diagnosis = make_diagnosis(dataset, "identified-in-part", refitted=3.1, with_effects=with_effects)
+    diagnosis.prediction = cast(Any, SimpleNamespace(share=0.9))
+    record_confirmation(diagnosis, is_exercised=False)
+    assert diagnosis.held_out == held_out
 
 
 def test_channel_below_the_noise_makes_up_for_no_other(dataset: datasets.Dataset) -> None:

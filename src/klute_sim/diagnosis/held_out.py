@@ -227,12 +227,10 @@ def record_confirmation(diagnosis: Diagnosis, *, is_exercised: bool = True) -> N
     ] or _compare_without_noise(diagnosis)
     refitted, with_effects = np.sum(squares, axis=0)
     diagnosis.is_worse_on_test = bool(with_effects > refitted + NEGLIGIBLE_GAP * len(squares))
+    max_remaining = MAX_REMAINING_FRACTION
     if diagnosis.prediction is not None:
-        min_share = MIN_SHARE_FRACTION * diagnosis.prediction.share
-        is_confirmed = bool(with_effects < (1.0 - min_share) * refitted)
-    else:
-        allowed = max(MAX_REMAINING_FRACTION * refitted, NEGLIGIBLE_GAP * len(squares))
-        is_confirmed = bool(with_effects <= allowed)
+        max_remaining = 1.0 - MIN_SHARE_FRACTION * diagnosis.prediction.share
+    is_confirmed = bool(with_effects <= max(max_remaining * refitted, NEGLIGIBLE_GAP * len(squares)))
     diagnosis.held_out = "confirmed" if is_confirmed else "not-confirmed"
     if is_confirmed and not is_exercised:
         diagnosis.held_out = "not-tested"
