@@ -33,8 +33,9 @@ def test_effect_of_all_tendons_is_not_added_to_one_of_them(used: EffectTerm, fur
 def test_effect_is_no_candidate_for_a_tendon_whose_device_cannot_lack_it() -> None:
     leaking = parse_device(PAIR.content + b"\n[effects.leak]\nconductance_dm3_per_s_bar = 0.01\n", "leaking")
     leak = catalogue.get_effects()["leak"]
-    for_all, flexor, extensor = EffectTerm("leak", "orifice"), *(
-        EffectTerm("leak", "orifice", tendon=tendon) for tendon in ("flexor", "extensor")
+    for_all, flexor, extensor = (
+        EffectTerm("leak", "orifice"),
+        *(EffectTerm("leak", "orifice", tendon=tendon) for tendon in ("flexor", "extensor")),
     )
     assert list_device_terms(leak, PAIR, {"flexor": PAIR, "extensor": PAIR}) == [for_all, flexor, extensor]
     assert list_device_terms(leak, PAIR, {"flexor": leaking, "extensor": PAIR}) == [extensor]

@@ -323,6 +323,24 @@ def test_proxies_have_no_alternatives(dataset: datasets.Dataset, monkeypatch: py
     assert diagnosis.next_experiment is None
 
 
+@pytest.mark.parametrize(
+    ("nominal", "with_effects", "recommended"),
+    [(50.0, 12.0, "without-effects"), (4.0, 12.0, "as-declared"), (50.0, 3.1, "with-effects")],
+)
+def test_one_device_is_recommended(
+    nominal: float, with_effects: float, recommended: str, dataset: datasets.Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    diagnosis = make_diagnosis(dataset, "identified", nominal=nominal, refitted=6.0, with_effects=with_effects)
+    diagnosis.added_terms = (EffectTerm("braid_hysteresis", "proportional"),)
+    monkeypatch.setattr(held_out, "_compute_residuals", lambda *_: (cast(Any, SimpleNamespace(experiments=[])), []))
+    monkeypatch.setattr(held_out, "estimate_misfit", lambda *_: {})
+    monkeypatch.setattr(held_out, "exercises_effects", lambda *_: True)
+    held_out.evaluate_held_out(diagnosis, cast(Any, SimpleNamespace(noise={})))
+    assert diagnosis.recommended_device == recommended
+    sentences = [reason for reason in diagnosis.reasons if "recommended" in reason]
+    assert sentences == [held_out.RECOMMENDATIONS[name] for name in [recommended] if name != "with-effects"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("is_constant", [True, False])
 def test_delay_is_not_tested_at_constant_pressure(

@@ -12,7 +12,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hyp
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.misfit import MIN_MISFIT_FRACTION, Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import Residuals
-from klute_sim.diagnosis.result import ChannelRms, Diagnosis, Verdict
+from klute_sim.diagnosis.result import ChannelRms, Diagnosis, RecommendedDevice, Verdict
 from klute_sim.types import Array
 
 MAX_REMAINING_FRACTION = 0.6
@@ -33,6 +33,11 @@ DEMOTED_VERDICTS: Mapping[Verdict, Verdict] = {
 """Verdict that denies a misfit of the test trials -> verdict that does not."""
 NOMINAL_MODEL, BASE_MODEL, FINAL_MODEL = "the declared numbers", "the refitted numbers", "the added effects"
 """Models that are evaluated."""
+RECOMMENDATIONS: Mapping[RecommendedDevice, str] = {
+    "without-effects": "The refitted device without effects is the one that is recommended.",
+    "as-declared": "The device as declared is the one that is recommended.",
+}
+"""Device that predicts the test trials better than the one with effects -> sentence that recommends it."""
 MIN_DECLARED_ADVANTAGE = 0.05
 """Part of the rms gap by which the declared device must be better than the fitted one to be recommended (assumed)."""
 NEGLIGIBLE_GAP = 0.15
@@ -63,6 +68,8 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
         if NOMINAL_MODEL not in diagnosis.diverged_trials:
             record_declared_advantage(diagnosis)
     record_divergence(diagnosis)
+    if diagnosis.recommended_device in RECOMMENDATIONS:
+        diagnosis.reasons.append(RECOMMENDATIONS[diagnosis.recommended_device])
     if diagnosis.verdict == "unexplained":  # proxies have no alternatives
         diagnosis.equivalent_models, diagnosis.direct_measurements, diagnosis.next_experiment = [], [], None
 
@@ -244,15 +251,10 @@ def record_confirmation(diagnosis: Diagnosis, *, is_exercised: bool = True) -> N
             "The test trials do not confirm the effects: the gap does not shrink there as it did on the other trials."
         )
         if diagnosis.is_worse_on_test:
-            sentence = (
-                "The test trials refute the effects: the refitted device without effects predicts them better, and it "
-                "is the one that is recommended."
-            )
+            sentence = "The test trials refute the effects: the refitted device without effects predicts them better."
         diagnosis.reasons.insert(0, sentence)
     elif diagnosis.is_worse_on_test:
-        diagnosis.reasons.insert(
-            0, "On the test trials the refitted device without effects predicts better; it is the one recommended."
-        )
+        diagnosis.reasons.insert(0, "On the test trials the refitted device without effects predicts better.")
 
 
 def record_declared_advantage(diagnosis: Diagnosis) -> None:
@@ -277,7 +279,7 @@ def record_declared_advantage(diagnosis: Diagnosis) -> None:
     diagnosis.reasons.insert(
         0,
         f"On the test trials the device as declared predicts better than {model}: it misses {', '.join(clauses)}. The "
-        "fitted numbers do not hold there, and the device as declared is the one that is recommended.",
+        "fitted numbers do not hold there.",
     )
 
 
