@@ -54,6 +54,23 @@ def test_insufficient_data_are_reported_with_the_fix() -> None:
     )  # constant pressure, constant length, no repeats
 
 
+def test_repeats_with_few_common_samples_are_none() -> None:
+    rng = np.random.default_rng(0)
+    first, second = (make_experiment(name, rng.normal(size=200)) for name in "ab")
+    assert data_quality.has_repeats([first, second])
+    (time, value), pressure = second.measured["force"], TimeSeries(*first.measured["force"])
+    apart = replace(second, measured={"force": TimeSeries(time[10:] + 0.45, value[10:])})
+    assert not data_quality.has_repeats([first, apart])
+    (reason,) = data_quality.find_unrepeated_channels(
+        [replace(e, measured={**e.measured, "pressure": pressure}) for e in (first, apart)]
+    ).values()
+    assert reason.startswith("'force' was never recorded twice")
+    few = [make_experiment(name, rng.normal(size=10)) for name in "abcdefgh"]
+    assert not data_quality.has_repeats(few)
+    (problem,) = data_quality.find_blocking_problems(few)
+    assert "a channel has at most 10 samples" in problem
+
+
 def test_copied_repeat_is_not_used_where_other_repeats_show_the_noise() -> None:
     rng = np.random.default_rng(8)
     rows = rng.normal(0.0, 3.0, (4, 500))

@@ -14,7 +14,9 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import WeightedData
 from klute_sim.diagnosis.noise.repeats import (
+    MIN_COMMON_SAMPLES,
     Residuals,
+    align_repeats,
     estimate_noise_from_repeats,
     find_inconsistent_repeats,
     group_repeats,
@@ -112,12 +114,12 @@ def _find_copied_channels(
 def _describe_few_samples(experiments: Sequence[Experiment]) -> str:
     """Return that no channel has enough samples after the warm-up, and what is needed; '' where one has."""
     n_samples = max((len(series.value) for e in experiments for series in e.measured.values()), default=0)
-    if n_samples >= MIN_SAMPLES:
+    if n_samples > MIN_COMMON_SAMPLES:
         return ""
     return (
         f"The recordings are too short or too slow: a channel has at most {n_samples} samples after the beginning of a "
-        f"trial, which is not compared (up to {MAX_WARM_UP_TIME:g} s), and needs {MIN_SAMPLES}. Record each trial for "
-        f"several seconds with about {USUAL_RATE_HZ:g} samples a second."
+        f"trial, which is not compared (up to {MAX_WARM_UP_TIME:g} s), and needs more than {MIN_COMMON_SAMPLES}. "
+        f"Record each trial for several seconds with about {USUAL_RATE_HZ:g} samples a second."
     )
 
 
@@ -134,6 +136,7 @@ def find_blocking_problems(experiments: Sequence[Experiment], *, judges_supply: 
         problems.append(
             f"{lead} usable, so the data contain no information about muscle, damper and tendon. Record {names[0]}."
         )
+    problems += filter(None, [_describe_few_samples(experiments)])
     time = sum(e.duration for e in experiments)
     if time < MIN_TOTAL_TIME:
         problems.append(
@@ -168,7 +171,7 @@ def is_supply_only(experiments: Sequence[Experiment]) -> bool:
 
 
 def has_repeats(experiments: Sequence[Experiment]) -> bool:
-    """Return whether any channel was measured more than once under the same input."""
+    """Return whether any channel was measured more than once under the same input, with enough common samples."""
     return bool(_find_repeated_channels(experiments))
 
 
@@ -176,16 +179,20 @@ def find_unrepeated_channels(experiments: Sequence[Experiment]) -> dict[str, str
     """Return channel -> reason for channels without repeats, if other channels have repeats."""
     repeated = _find_repeated_channels(experiments)
     return {
-        channel: f"'{channel}' was never recorded twice under the same input, so its noise is unknown"
+        channel: f"'{channel}' was never recorded twice under the same input with more than {MIN_COMMON_SAMPLES} "
+        "samples at the same time, so its noise is unknown"
         for channel in list_channels(experiments)
         if repeated and channel not in repeated
     }
 
 
 def _find_repeated_channels(experiments: Sequence[Experiment]) -> set[str]:
-    groups = group_repeats(experiments).values()
-    channels_of_groups = [[channel for k in members for channel in experiments[k].measured] for members in groups]
-    return {channel for channels in channels_of_groups for channel in channels if channels.count(channel) > 1}
+    values = [{channel: series.value for channel, series in e.measured.items()} for e in experiments]
+    return {
+        channel
+        for channel in list_channels(experiments)
+        if next(align_repeats(experiments, values, channel), None) is not None
+    }
 
 
 def find_contradicted_channels(
