@@ -166,11 +166,11 @@ class DiagnosisResult(Printable):
         for name, content in build_mechanism_files(diagnosis).items():
             (folder / name).write_bytes(content)
         (folder / "verdict.json").write_text(
-            json.dumps(verdict_to_dict(diagnosis, predictions), indent=2) + "\n", "utf-8"
+            json.dumps(verdict_to_dict(diagnosis, predictions), indent=2, allow_nan=False) + "\n", "utf-8"
         )
         if predictions:
             rows = [prediction.to_dict() for prediction in predictions]
-            (folder / PREDICTIONS_FILE_NAME).write_text(json.dumps(rows, indent=2) + "\n", "utf-8")
+            (folder / PREDICTIONS_FILE_NAME).write_text(json.dumps(rows, indent=2, allow_nan=False) + "\n", "utf-8")
         if not report:
             return
         from klute_sim.report.diagnosis.figures import save_figures

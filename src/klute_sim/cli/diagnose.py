@@ -157,7 +157,7 @@ def command(
         content = result.to_dict()
         if predictions:
             content["predictions"] = [prediction.to_dict() for prediction in predictions]
-        click.echo(json.dumps(content, indent=2))
+        click.echo(json.dumps(content, indent=2, allow_nan=False))
         return
     console = stdout_console()
     print_summary(console, result.format_summary())

@@ -17,7 +17,12 @@ from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import describe_coincidence, find_naming_obstacle
-from klute_sim.diagnosis.selection.predictive_model import MIN_STABILITY, PredictiveModel, PredictiveResult
+from klute_sim.diagnosis.selection.predictive_model import (
+    MIN_STABILITY,
+    PredictiveModel,
+    PredictiveResult,
+    compare_errors,
+)
 from klute_sim.diagnosis.selection.predictive_selection import (
     MAX_RIVAL_RATIO,
     MIN_SHARE,
@@ -114,8 +119,9 @@ def decide_verdict(
         detail = ""
         if best is not None:
             reason = best.obstacle or "that is less than one standard error, or fewer effects predict as well"
-            change = _format_change(result.base, best)
-            detail = f" The best is {_list_terms(best)} with {change} of the squared error: {reason}."
+            ratio = compare_errors(best, result.base)
+            change = "" if ratio is None else f" with {100.0 * (ratio - 1.0):+.0f} % of the squared error"
+            detail = f" The best is {_list_terms(best)}{change}: {reason}."
         return ImperfectLawDecision(unexplained, [law, f"No effect improves the predictions.{detail}"])
     names = _list_terms(chosen)
     stability = ", ".join(f"{term} in {100 * value:.0f} %" for term, value in result.stability.items())
@@ -185,7 +191,3 @@ def compute_jackknife_intervals(model: PredictiveModel) -> list[tuple[float, flo
 
 def _list_terms(model: PredictiveModel) -> str:
     return " and ".join(map(str, model.terms)) or "no effect"
-
-
-def _format_change(base: PredictiveModel, model: PredictiveModel) -> str:
-    return f"{100.0 * (model.error / base.error - 1.0):+.0f} %"

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.selection.forward_selection import SelectionStep
-from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
+from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, SelectionStep
+from klute_sim.diagnosis.selection.predictive_model import PredictiveResult, compare_errors
 
 Identity = tuple[str | None, ...]
 """Effect, channel and number of a term."""
@@ -71,6 +73,9 @@ def _explain_step(step: SelectionStep, n_independent: float) -> dict[Identity, R
     initial_bic = step.initial_fit.bic(n_independent)
     gains = {fit.hypothesis.terms[-1]: initial_bic - fit.bic(n_independent) for fit in step.refits}
     for term, gain in gains.items():
+        if not np.isfinite(gain):
+            rejections.setdefault(term.identity, Rejection(term, DIVERGENCE_REASON))
+            continue
         reason = f"other candidates fit better: with it, BIC {format_bic_drop(gain, 1)}"
         if step.added_term is not None:
             reason += f"; with {step.added_term}, it {format_bic_drop(gains[step.added_term], 1)}"
@@ -88,11 +93,14 @@ def _explain_prediction(prediction: PredictiveResult) -> dict[Identity, Rejectio
     """Return the rejection of each term of the models that predict left-out data, by the best model that has it."""
     rejections: dict[Identity, Rejection] = {}
     for model in prediction.models:
-        change = 100.0 * (model.error / prediction.base.error - 1.0)
-        outcome = f"the squared error of prediction changes by {change:+.0f} %"
+        ratio = compare_errors(model, prediction.base)
+        outcome = "a simulation diverges in a prediction"
+        if ratio is not None:
+            outcome = f"the squared error of prediction changes by {100.0 * (ratio - 1.0):+.0f} %"
         for term in model.terms:
             others = " and ".join(str(other) for other in model.terms if other != term)
             reason = f"with {others} {outcome}" if others else outcome
-            reason += f"; {model.obstacle}" if model.obstacle else "; the chosen model predicts as well or better"
+            if ratio is not None:
+                reason += f"; {model.obstacle}" if model.obstacle else "; the chosen model predicts as well or better"
             rejections.setdefault(term.identity, Rejection(term, reason))
     return rejections

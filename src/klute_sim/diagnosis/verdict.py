@@ -1,5 +1,6 @@
 """Content of ``verdict.json``."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -55,7 +56,7 @@ def verdict_to_dict(diagnosis: Diagnosis, predictions: Sequence[TransferPredicti
     ``predictions`` are those of other datasets.
     """
     split, probabilities = diagnosis.split, estimate_probabilities(diagnosis)
-    return {
+    content = {
         "schema": VERDICT_SCHEMA,
         "verdict": diagnosis.verdict,
         "reasons": list(diagnosis.reasons),
@@ -108,6 +109,17 @@ def verdict_to_dict(diagnosis: Diagnosis, predictions: Sequence[TransferPredicti
         "recommended": None if diagnosis.fitted_device is None else diagnosis.recommended_device,
         "predictions": summarize_predictions(predictions),
     }
+    finite: dict[str, Any] = _replace_infinite(content)
+    return finite
+
+
+def _replace_infinite(content: Any) -> Any:
+    """Return ``content`` with None in place of numbers that JSON does not have."""
+    if isinstance(content, dict):
+        return {key: _replace_infinite(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_replace_infinite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def _list_fitted_numbers(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:

@@ -172,6 +172,11 @@ def _average_blocks(experiment: Experiment, phases: Array) -> Array:
     return means
 
 
+def compare_errors(model: PredictiveModel, base: PredictiveModel) -> float | None:
+    """Return the error of ``model`` over that of ``base``; None where a simulation of one of them diverges."""
+    return model.error / base.error if np.isfinite([model.error, base.error]).all() else None
+
+
 def rank_model(model: PredictiveModel) -> tuple[float, str]:
     """Return the key that sorts models by their error, and by name where errors are equal."""
     return model.error, str(model.terms)

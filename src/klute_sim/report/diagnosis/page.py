@@ -14,6 +14,7 @@ from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS, estimate_misfi
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import MAX_EFFECTS
+from klute_sim.diagnosis.selection.predictive_model import compare_errors
 from klute_sim.diagnosis.selection.robustness import EquivalentModel
 from klute_sim.diagnosis.transfer import TransferPrediction
 from klute_sim.effects import catalogue
@@ -303,11 +304,12 @@ def _build_prediction_entry(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "models": [
             {
                 "name": words.join_words([words.format_term(term) for term in model.terms]) or "no added effect",
-                "error": f"{100.0 * model.error / prediction.base.error:.0f} %",
+                "error": "a simulation diverges" if ratio is None else f"{100.0 * ratio:.0f} %",
                 "note": words.humanize_text(model.obstacle),
                 "chosen": model is prediction.chosen,
             }
             for model in prediction.models
+            for ratio in [compare_errors(model, prediction.base)]
         ],
     }
 
