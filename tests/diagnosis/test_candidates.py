@@ -1,13 +1,19 @@
 """Which effects may be added to a fit: each once for a device, and only to a device that may lack it."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
 from klute_sim.device.device import load_device, parse_device
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.diagnosis.selection.candidates import list_device_terms, list_further_terms
+from klute_sim.diagnosis.noise.quantization import Quantizer
+from klute_sim.diagnosis.selection import candidates
+from klute_sim.diagnosis.selection.candidates import list_device_terms, list_further_terms, select_quantizers
 from klute_sim.effects import catalogue
+from klute_sim.errors import InputError
 
 PAIR = load_device("klute-3-4-pair")
 FOR_ALL, SHAPED = EffectTerm("seal_friction", "coulomb"), EffectTerm("seal_friction", "stribeck")
@@ -43,3 +49,30 @@ def test_effect_is_no_candidate_for_a_tendon_whose_device_cannot_lack_it() -> No
     assert list_device_terms(leak, PAIR, {"only": leaking}) == []
     assert list_device_terms(leak, PAIR, {}) == [for_all]
     assert list_device_terms(leak, leaking, {}) == []
+
+
+@pytest.mark.parametrize(
+    ("only", "exclude", "named"),
+    [
+        ((), (), ["force", "pressure"]),
+        ((), ("quantisation",), []),
+        ((), ("quantisation@force",), ["pressure"]),
+        (("seal_friction",), (), []),
+        (("seal_friction", "quantisation@force"), (), ["force"]),
+    ],
+)
+def test_quantized_channels_are_named_as_any_other_candidate(
+    only: tuple[str, ...], exclude: tuple[str, ...], named: list[str]
+) -> None:
+    quantizers = dict.fromkeys(("force", "pressure"), Quantizer(1.0, 0.01, 0.0, 0.1))
+    assert list(select_quantizers(quantizers, only, exclude)) == named
+
+
+def test_quantized_channel_may_be_excluded_by_its_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(candidates, "_list_all_terms", lambda *_: [FOR_ALL])
+    data = cast(Any, SimpleNamespace(noise={"force": None}))
+    assert candidates.list_candidate_terms(data, cast(Any, None), exclude=("quantisation@force",)) == [FOR_ALL]
+    with pytest.raises(InputError, match="no candidate"):
+        candidates.list_candidate_terms(data, cast(Any, None), exclude=("quantisation@pressure",))

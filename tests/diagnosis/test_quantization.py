@@ -74,7 +74,7 @@ def test_quantized_force_is_identified_and_leaves_only_noise(tmp_path: Path) -> 
     fault = {"name": "quantisation", "form": "linear", "channel": "force", "parameters": {"step": 17.0}}
     truth = make_dataset(tmp_path / "d", 5, instruments=[fault], muscle_length=False)
     dataset = datasets.load_dataset(tmp_path / "d")
-    result = diagnose(dataset, DiagnosisOptions(only=("muscle_damping", "end_taper")))
+    result = diagnose(dataset, DiagnosisOptions(only=("muscle_damping", "end_taper", "quantisation")))
     verdict = verdict_to_dict(result)
     assert score_verdict(truth, verdict) == "right"
     (step,) = verdict["effects"][0]["parameters"].values()

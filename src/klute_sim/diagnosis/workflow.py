@@ -63,6 +63,7 @@ from klute_sim.diagnosis.selection.candidates import (
     list_candidate_terms,
     list_specimen_numbers,
     select_by_name,
+    select_quantizers,
 )
 from klute_sim.diagnosis.selection.deviating_specimen import find_deviating_specimen
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
@@ -129,7 +130,8 @@ def _run_workflow(
         reasons += remarks
     reasons += outcome.remarks
     experiments, data, search, base_fit, selected, _ = outcome
-    if quantizers and "quantisation" not in options.exclude:
+    quantizers = select_quantizers(quantizers, options.only, options.exclude)  # all of them are simulated
+    if quantizers:
         sentences = [describe_quantization(c, q) for c, q in quantizers.items()]
         verdict = "identified" if selected.verdict == "nothing-missing" else selected.verdict
         selected = selected._replace(verdict=verdict, reasons=[*sentences, *selected.reasons])

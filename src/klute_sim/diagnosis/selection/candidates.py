@@ -16,6 +16,7 @@ from klute_sim.diagnosis.fitting.number_error import (
     list_error_candidates,
     list_model_error_candidates,
 )
+from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect
 from klute_sim.effects.families import instrument
@@ -86,7 +87,7 @@ def list_candidate_terms(
     one channel, number or tendon (``sensor_gain@force``). Raises InputError for such a name without a candidate.
     """
     terms = _list_all_terms(data, dataset)
-    known = {term.qualified_name for term in terms}
+    known = {term.qualified_name for term in [*terms, *map(make_quantization_term, data.noise)]}
     for name in (*only, *exclude):
         if "@" in name and name not in known:
             raise InputError(f"'{name}' is no candidate for these data; {suggest(name, known, 'see verdict.json')}")
@@ -96,6 +97,20 @@ def list_candidate_terms(
 def select_by_name(terms: Iterable[EffectTerm], only: Sequence[str], exclude: Sequence[str]) -> list[EffectTerm]:
     """Return those of ``terms`` that are named in ``only`` (empty: all) and not in ``exclude``."""
     return [term for term in terms if (not only or _is_among(term, only)) and not _is_among(term, exclude)]
+
+
+def select_quantizers(
+    quantizers: Mapping[str, Quantizer], only: Sequence[str], exclude: Sequence[str]
+) -> dict[str, Quantizer]:
+    """Return those of ``quantizers`` (by channel) that may be named, as :func:`select_by_name` does for other terms."""
+    terms = {channel: make_quantization_term(channel) for channel in quantizers}
+    return {c: quantizers[c] for c, term in terms.items() if select_by_name([term], only, exclude)}
+
+
+def make_quantization_term(channel: str) -> EffectTerm:
+    """Return the term for a quantized ``channel``, which is detected without a simulation."""
+    effect = instrument.QUANTIZATION
+    return EffectTerm(effect.name, effect.forms[0].name, channel)
 
 
 def _is_among(term: EffectTerm, names: Container[str]) -> bool:
