@@ -26,6 +26,7 @@ from klute_sim.diagnosis.held_out import (
     record_test_misfit,
 )
 from klute_sim.diagnosis.noise.misfit import Misfit
+from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.diagnosis.result import ChannelRms, Diagnosis, DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection.robustness import EquivalentModel
 from klute_sim.diagnosis.transfer import ChannelPrediction, TransferPrediction
@@ -339,6 +340,21 @@ def test_one_device_is_recommended(
     assert diagnosis.recommended_device == recommended
     sentences = [reason for reason in diagnosis.reasons if "recommended" in reason]
     assert sentences == [held_out.RECOMMENDATIONS[name] for name in [recommended] if name != "with-effects"]
+
+
+@pytest.mark.parametrize(("has_misfit", "verdict"), [(False, "identified"), (True, "unexplained")])
+def test_quantized_channel_is_no_name_for_a_misfit_of_the_test_trials(
+    has_misfit: bool, verdict: str, dataset: datasets.Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    diagnosis = make_diagnosis(dataset, "nothing-missing", refitted=3.0, with_effects=3.0)
+    diagnosis.quantizers = {"force": Quantizer(8.0, 0.01, 0.0, 0.3)}
+    misfits = {"force": Misfit(6.0, 20.0, 3.0)} if has_misfit else {}
+    monkeypatch.setattr(held_out, "_compute_residuals", lambda *_: (cast(Any, SimpleNamespace(experiments=[])), []))
+    monkeypatch.setattr(held_out, "estimate_misfit", lambda *_: misfits)
+    monkeypatch.setattr(held_out, "estimate_validation_misfits", lambda *_: {})
+    monkeypatch.setattr(held_out, "can_numbers_absorb", lambda *_: False)
+    held_out.evaluate_held_out(diagnosis, cast(Any, SimpleNamespace(noise={})))
+    assert diagnosis.verdict == verdict
 
 
 @pytest.mark.slow

@@ -51,7 +51,8 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
     law must take at least half of the share there that it takes of the trials that were left out. Nothing is missing,
     and a model is adequate, only if the repeats of test trials share no large misfit, or none once the numbers are
     fitted to these trials as well. Where the simulation of a test trial diverges, the prediction of this trial failed.
-    ``data`` hold the fitted trials with the noise between repeats.
+    Quantized channels are named where nothing else is missing. ``data`` hold the fitted trials with the noise between
+    repeats.
     """
     evaluated, residuals = _compute_residuals(diagnosis, data)
     if diagnosis.evaluated_on == "test":
@@ -72,6 +73,8 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
         diagnosis.reasons.append(RECOMMENDATIONS[diagnosis.recommended_device])
     if diagnosis.verdict == "unexplained":  # proxies have no alternatives
         diagnosis.equivalent_models, diagnosis.direct_measurements, diagnosis.next_experiment = [], [], None
+    if diagnosis.quantizers and diagnosis.verdict == "nothing-missing":  # beside them
+        diagnosis.verdict = "identified"
 
 
 def record_divergence(diagnosis: Diagnosis) -> None:

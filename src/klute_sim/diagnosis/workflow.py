@@ -133,8 +133,7 @@ def _run_workflow(
     quantizers = select_quantizers(quantizers, options.only, options.exclude)  # all of them are simulated
     if quantizers:
         sentences = [describe_quantization(c, q) for c, q in quantizers.items()]
-        verdict = "identified" if selected.verdict == "nothing-missing" else selected.verdict
-        selected = selected._replace(verdict=verdict, reasons=[*sentences, *selected.reasons])
+        selected = selected._replace(reasons=[*sentences, *selected.reasons])
     fit = selected.final_fit
     names = [parameter.name for parameter in fit.hypothesis.parameters]
     reasons += describe_registration(zip(names, fit.values, selected.confidence_intervals, strict=True))
