@@ -107,7 +107,8 @@ def test_numbers_of_each_specimen_are_candidates_where_there_are_several() -> No
 
 def test_groups_of_other_specimens_do_not_validate(monkeypatch: pytest.MonkeyPatch) -> None:
     simulator = Simulator(1)
-    data = WeightedData(simulator, [make_trial("A", group="1"), make_trial("C", group="2")], {})
+    trials = [make_trial("A", group="1"), make_trial("C", group="2"), make_trial("C", group="4")]
+    data = WeightedData(simulator, trials, {})
     search = ForwardSelection(data, [data.with_experiments([make_trial("A", group="3")])], [])
     left_out = []
     monkeypatch.setattr(
@@ -120,10 +121,12 @@ def test_groups_of_other_specimens_do_not_validate(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(WeightedData, "weight_residuals", lambda self, _: np.ones(2))
     before = make_fit(Hypothesis(NOMINAL, (), ()), np.zeros(0))
     after = make_fit(before.hypothesis.with_term(make_term("C", 150.0)), np.zeros(1))
-    assert search.compute_validation_gains(before, after) == {"2": 0.0}
-    assert left_out == [["1"], ["1"]]
+    assert search.compute_validation_gains(before, after) == {"2": 0.0, "4": 0.0}
+    assert left_out == [["1", "4"], ["1", "4"], ["1", "2"], ["1", "2"]]
     of_all = make_fit(before.hypothesis.with_term(EffectTerm(NUMBER_ERROR_NAME, "value", number=LENGTH)), np.zeros(1))
     assert search.compute_validation_gains(before, of_all) == {"3": 0.0}
+    search.data = data.with_experiments(trials[:2])  # the only group of a specimen does not validate its own number
+    assert search.compute_validation_gains(before, after) == {}
     simulator.close()
 
 

@@ -295,15 +295,18 @@ class ForwardSelection:
         return gains
 
     def _compute_cross_validation_gains(self, before: Fit, after: Fit, specimen: str | None) -> dict[str, float]:
-        groups = group_repeats(self.data.experiments)
-        if len(groups) < 2:
+        experiments = self.data.experiments
+        groups = [
+            group
+            for group, members in group_repeats(experiments).items()
+            if specimen in (None, experiments[members[0]].specimen)
+        ]
+        if len(groups) < 2:  # without its only group, the number would stay as that group has fitted it
             return {}
         gains = {}
-        for group, members in groups.items():
-            if specimen not in (None, self.data.experiments[members[0]].specimen):
-                continue
-            training = self.data.with_experiments([e for e in self.data.experiments if e.group != group])
-            held_out = self.data.with_experiments([e for e in self.data.experiments if e.group == group])
+        for group in groups:
+            training = self.data.with_experiments([e for e in experiments if e.group != group])
+            held_out = self.data.with_experiments([e for e in experiments if e.group == group])
             chi2 = []
             for fit in (before, after):
                 refit = fit_hypothesis(training, fit.hypothesis, fit.x, max_nfev=REFIT_MAX_NFEV[1])
