@@ -1,6 +1,7 @@
 """Models whose simulation diverges where they predict: sentences say so, and JSON holds no infinite number."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -11,14 +12,18 @@ import pytest
 from klute_sim.api.diagnosis import load_example_dataset
 from klute_sim.datasets.dataset import split_dataset
 from klute_sim.device.device import load_device
+from klute_sim.diagnosis import imperfect_law
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.imperfect_law import decide_verdict
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, SelectionStep
-from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
+from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult, compute_share
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.diagnosis.verdict import verdict_to_dict
+from tests.diagnosis.synthetic_dataset import make_repeats
 
 FRICTION, TAPER = EffectTerm("seal_friction", "coulomb"), EffectTerm("end_taper", "strain")
 
@@ -56,3 +61,29 @@ def test_sentences_say_that_a_simulation_diverges(result: PredictiveResult) -> N
     rejections = {rejection.term: rejection.reason for rejection in list_rejections(cast(Any, diagnosis))}
     assert rejections == {TAPER: DIVERGENCE_REASON, FRICTION: "a simulation diverges in a prediction"}
     assert f"The best is {FRICTION}: {DIVERGENCE_REASON}." in decide_verdict(result).reasons[-1]
+
+
+def test_share_is_that_of_the_folds_that_the_model_without_effects_predicts() -> None:
+    base, chosen = (
+        PredictiveModel(make_fit(), np.array(errors), np.zeros((3, 0)))
+        for errors in ([1.0, 3.0, np.inf], [0.5, 1.5, 0.2])
+    )
+    assert compute_share(base, chosen, 0.0) == pytest.approx(0.5)
+    assert compute_share(replace(base, errors=np.full(3, np.inf)), chosen, 0.0) == 0.0
+
+
+def test_nothing_is_chosen_where_every_model_diverges() -> None:
+    trials = make_repeats([np.linspace(0.0, 500.0, 100)] * 2)
+    selection = PredictiveSelection(WeightedData(Simulator(1), trials, {}), {}, [])
+    base = make_model(error=np.inf)
+    decided = selection._decide(base, [make_model(FRICTION, error=np.inf), base])
+    assert (decided.chosen, decided.share) == (base, 0.0)
+
+
+def test_trial_that_diverges_tells_nothing_of_the_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    trials = make_repeats([np.linspace(0.0, 500.0, 100)] * 3)
+    rows = [{"force": np.full(100, value)} for value in (1.0, np.inf, 3.0)]
+    monkeypatch.setattr(WeightedData, "compute_residuals", lambda self, *_, may_diverge: [rows])
+    data, residuals = imperfect_law._drop_diverging_trials(WeightedData(Simulator(1), trials, {}), [make_fit()] * 2)
+    assert [e.name for e in data.experiments] == [trials[0].name, trials[2].name]
+    assert residuals == [rows[0], rows[2]]

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
+from klute_sim.diagnosis.noise.repeats import Residuals
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
@@ -57,14 +58,13 @@ def select_by_prediction(
     ``best_fit`` is the best model of the selection by significance; its residuals measure the error of the law.
     ``seed`` is that of restarted fits.
     """
-    data = search.data
+    data, seen_fits = search.data, (search.history[0].initial_fit, best_fit)
     seen = data.with_experiments([e for e in experiments if e.use != "test" and e.measured.keys() & data.noise])
-    (residuals,) = seen.compute_residuals(best_fit.hypothesis, [best_fit.x])
+    seen, residuals = _drop_diverging_trials(seen, seen_fits)
     weighted = weight_by_law_error(data, seen.experiments, residuals)
     # Without repeats, the noise of the data is the misfit itself.
     repeat_noise = dict(data.noise) if search.has_repeats else {}
     # With the error of the law as noise, numbers at the limits of their declared uncertainties may move away from them.
-    seen_fits = search.history[0].initial_fit, best_fit
     open_terms = {term for fit in seen_fits for term in list_further_terms(search.candidate_terms, fit)}
     candidates = [term for term in search.candidate_terms if term in open_terms]
     selection = PredictiveSelection(weighted, repeat_noise, candidates, report_stage, seed)
@@ -72,6 +72,20 @@ def select_by_prediction(
     base = replace(best_fit.hypothesis, terms=())
     base_fit = fit_hypothesis(weighted, base)
     return selection, selection.run(base_fit, [best_fit.hypothesis.terms, *known])
+
+
+def _drop_diverging_trials(data: WeightedData, fits: Sequence[Fit]) -> tuple[WeightedData, Residuals]:
+    """Return ``data`` without trials that diverge with one of ``fits``, and the residuals of the last one.
+
+    Such trials are for validation: fits do not diverge in the others.
+    """
+    residuals = [data.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)[0] for fit in fits]
+    finite = [
+        index
+        for index, rows in enumerate(zip(*residuals, strict=True))
+        if all(np.isfinite(values).all() for row in rows for values in row.values())
+    ]
+    return data.with_experiments([data.experiments[i] for i in finite]), [residuals[-1][i] for i in finite]
 
 
 def find_adequate_model(

@@ -177,6 +177,18 @@ def compare_errors(model: PredictiveModel, base: PredictiveModel) -> float | Non
     return model.error / base.error if np.isfinite([model.error, base.error]).all() else None
 
 
+def compute_share(base: PredictiveModel, chosen: PredictiveModel, noise: float) -> float:
+    """Return the share of the error of ``base`` above ``noise`` that ``chosen`` takes.
+
+    Folds in which ``base`` diverges have no finite error and tell nothing of the size of an effect.
+    """
+    is_predicted = np.isfinite(base.errors)
+    if not is_predicted.any():
+        return 0.0
+    error, remaining = (float(model.errors[is_predicted].mean()) for model in (base, chosen))
+    return (error - remaining) / (error - noise) if error > noise else 0.0
+
+
 def rank_model(model: PredictiveModel) -> tuple[float, str]:
     """Return the key that sorts models by their error, and by name where errors are equal."""
     return model.error, str(model.terms)

@@ -37,6 +37,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     PredictiveResult,
     are_substitutes,
     choose_stable_model,
+    compute_share,
     divide_into_folds,
     is_as_good,
     rank_model,
@@ -188,13 +189,14 @@ class PredictiveSelection:
         error of ``base`` is not worth a name.
         """
         obstacle = find_naming_obstacle(self.data, model.fit, needs_numbers_at_limit=False)
-        if obstacle == model.obstacle or not base.error - model.error >= MIN_SHARE * base.error:
+        gain = base.error - model.error
+        if obstacle == model.obstacle or not MIN_SHARE * base.error <= gain < np.inf:
             return model
         declared = restore_declared_numbers(self.data, model.fit)
         if find_numbers_at_limit(declared):  # the registration of a walk
             return model
         lost = self.assess(declared).error - model.error
-        return replace(model, obstacle=obstacle) if lost <= MIN_TERM_SHARE * (base.error - model.error) else model
+        return replace(model, obstacle=obstacle) if lost <= MIN_TERM_SHARE * gain else model
 
     def assess(self, fit: Fit) -> PredictiveModel:
         """Return the errors of prediction of ``fit``.
@@ -293,7 +295,7 @@ class PredictiveSelection:
         noise = float(np.mean(noise_fractions)) if noise_fractions else 0.0
         models = refuse_idle_terms(base, models, len(self.folds), noise)
         nameable = [model for model in models if not model.obstacle]
-        chosen, stability = choose_stable_model(nameable, len(self.folds), noise)
+        chosen, stability = choose_stable_model(nameable, len(self.folds), noise) if nameable else (base, {})
         rivals = [
             model
             for model in nameable
@@ -302,15 +304,13 @@ class PredictiveSelection:
             and (is_as_good(model, chosen) or model.error <= MAX_RIVAL_RATIO * chosen.error)
         ]
         distinct = {model.identities: model for model in reversed(rivals)}
-        explainable = base.error - noise
-        share = (base.error - chosen.error) / explainable if explainable > 0.0 else 0.0
         return PredictiveResult(
             base,
             chosen,
             sorted(distinct.values(), key=lambda model: model.error) if chosen.terms else [],
             models,
             stability,
-            share,
+            compute_share(base, chosen, noise),
             noise,
             self.fold_kind,
             len(self.folds),
