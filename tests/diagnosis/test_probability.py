@@ -1,10 +1,14 @@
 """Probabilities of names: logistic in the evidence, complementary, and within [0, 1]."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from klute_sim.diagnosis import probability
 from klute_sim.diagnosis.probability import (
     NAMING_VERDICTS,
     compute_logistic,
@@ -59,3 +63,18 @@ def test_misfit_size_is_that_beyond_the_noise_in_the_worst_channel() -> None:
     }
     assert measure_misfit_size(rms) == pytest.approx(4.0 / 3.0)
     assert measure_misfit_size({}) == 0.0
+
+
+def test_size_of_what_the_test_trials_do_not_show_is_over_the_noise_of_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The base fit of an imperfect law has other weights than the independent samples belong to."""
+    monkeypatch.setattr(probability, "collect_evidence", lambda _: {})
+    diagnosis = SimpleNamespace(
+        **{"verdict": "identified-in-part", "held_out": "not-tested", "has_repeats": True, "channel_rms": {}},
+        **{"added_terms": ("a term",), "final_fit": "a fit", "base_fit": SimpleNamespace(chi2=7.0)},
+        n_independent=100.0,
+        selection_history=[SimpleNamespace(initial_fit=SimpleNamespace(chi2=1000.0))],
+    )
+    probabilities = probability.estimate_probabilities(cast(Any, diagnosis))
+    assert probabilities is not None
+    features = list_nothing_features("identified-in-part", 3.0)
+    assert probabilities.nothing_missing == compute_logistic(load_calibration()["nothing_missing"], features)

@@ -52,9 +52,10 @@ def estimate_probabilities(diagnosis: Diagnosis) -> Probabilities | None:
         return None
     calibration = load_calibration()
     size = measure_misfit_size(diagnosis.channel_rms)
-    if diagnosis.added_terms and diagnosis.held_out == "not-tested" and diagnosis.base_fit is not None:
-        # The test trials do not show what is missing.
-        size = max(size, float(np.sqrt(max(0.0, diagnosis.base_fit.chi2 / diagnosis.n_independent - 1.0))))
+    if diagnosis.added_terms and diagnosis.held_out == "not-tested":
+        # The test trials do not show what is missing. The base fit may be weighted by the error of the law.
+        chi2 = diagnosis.selection_history[0].initial_fit.chi2
+        size = max(size, float(np.sqrt(max(0.0, chi2 / diagnosis.n_independent - 1.0))))
     # What a tolerance permits may be missing all the same.
     is_tolerated = diagnosis.verdict == "nothing-missing" and not diagnosis.selection_history
     features = list_nothing_features("tolerated" if is_tolerated else diagnosis.verdict, size)
