@@ -9,6 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from klute_sim.diagnosis import probability
+from klute_sim.diagnosis.evidence import NameEvidence, collect_evidence
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.probability import (
     NAMING_VERDICTS,
     compute_logistic,
@@ -78,3 +80,19 @@ def test_size_of_what_the_test_trials_do_not_show_is_over_the_noise_of_repeats(m
     assert probabilities is not None
     features = list_nothing_features("identified-in-part", 3.0)
     assert probabilities.nothing_missing == compute_logistic(load_calibration()["nothing_missing"], features)
+
+
+@pytest.mark.parametrize("has_repeats", [True, False])
+def test_bic_is_no_evidence_where_the_noise_is_an_assumption(has_repeats: bool) -> None:
+    """It is estimated again after each effect, so the models have different noise."""
+    term = EffectTerm("seal_friction", "coulomb")
+    base, final = (
+        SimpleNamespace(bic=lambda _, bic=bic: bic, hypothesis=SimpleNamespace(terms=terms))
+        for bic, terms in ((100.0, ()), (20.0, (term,)))
+    )
+    diagnosis = SimpleNamespace(
+        **{"added_terms": (term,), "base_fit": base, "final_fit": final, "prediction": None, "n_independent": 50.0},
+        **{"selection_history": [], "equivalent_models": [], "has_repeats": has_repeats},
+    )
+    evidence = collect_evidence(cast(Any, diagnosis))
+    assert evidence == ({term: NameEvidence(80.0, 1.0)} if has_repeats else {})

@@ -22,7 +22,10 @@ class NameEvidence(NamedTuple):
 
 
 def collect_evidence(diagnosis: Diagnosis) -> dict[EffectTerm, NameEvidence]:
-    """Return the evidence for each added term of ``diagnosis``; data-driven terms have none."""
+    """Return the evidence for each added term of ``diagnosis``; data-driven terms have none.
+
+    Without repeats only predictions tell: noise is estimated again after each effect, so no BIC compares with another.
+    """
     terms = [term for term in diagnosis.added_terms if not term.effect_definition.data_driven]
     if diagnosis.final_fit is None or diagnosis.base_fit is None or not terms:
         return {}
@@ -35,6 +38,8 @@ def collect_evidence(diagnosis: Diagnosis) -> dict[EffectTerm, NameEvidence]:
         gain = prediction.base.error - prediction.chosen.error
         errors = [(model.identities, model.error - prediction.chosen.error) for model in prediction.models]
         explained = prediction.share
+    elif not diagnosis.has_repeats:
+        return {}
     else:
         n, best_bic = diagnosis.n_independent, diagnosis.final_fit.bic(diagnosis.n_independent)
         gain = explained = diagnosis.base_fit.bic(n) - best_bic
