@@ -87,7 +87,7 @@ def apply_sign(column: Column, contacts: Sequence[Contact], side: Side, log: Imp
     """Return the values of ``column`` with the standard sign and zero, and log the reasons."""
     spec = column.spec
     detected_sign = conventions.detect_sign(column.channel, column.time, column.values, contacts)
-    zero = 0.0
+    zero = logged_zero = 0.0
     if spec and spec.sign is not None:
         sign, reason = spec.sign, "as specified"
     elif detected_sign is not None:
@@ -97,11 +97,11 @@ def apply_sign(column: Column, contacts: Sequence[Contact], side: Side, log: Imp
     else:
         sign, reason = column.label_sign, "by the label"
     values = sign * column.values
-    if spec and spec.zero is not None:
-        zero = spec.zero
+    if spec and spec.zero is not None and column.zero is not None:
+        zero, logged_zero = column.zero, spec.zero
         reason += "; zero as specified"
     elif column.channel == "ankle_angle" and abs(np.nanmedian(values)) > MAX_ANKLE_MEDIAN:
-        zero = conventions.round_to_right_angle(values)
+        zero = logged_zero = conventions.round_to_right_angle(values)
         log.add_warning(
             f"{column.file_name}: '{column.label}' is {sign * zero * np.pi / 180.0:.4f} rad "
             f"({sign * zero:.0f} degrees) in standing; this was subtracted"
@@ -114,7 +114,7 @@ def apply_sign(column: Column, contacts: Sequence[Contact], side: Side, log: Imp
     if column.channel != channel_names.PELVIS_TILT:
         log.add_channel(
             **{"channel": column.channel, "side": side, "file": column.file_name, "column": column.label},
-            **{"unit": column.unit, "sign": sign, "zero": zero},
+            **{"unit": column.unit, "sign": sign, "zero": logged_zero},
             reason=f"unit {column.unit_reason}; sign: {reason}",
         )
     if column.channel in ("hip_angle", "ankle_angle"):

@@ -63,6 +63,8 @@ class Column:
     """Sign by the label."""
     spec: ColumnSpec | None
     """User's specification."""
+    zero: float | None
+    """Its zero, in the unit of the values; None if it states none."""
 
     @property
     def file_name(self) -> str:
@@ -102,7 +104,10 @@ def _make_column(
     unit, reason = _detect_unit(source, label, channel, values, spec)
     time = read_time(source)
     converted = _convert_units(values, channel, unit, label, options)
-    return Column(channel, source, label, time, converted, unit, reason, sign, spec)
+    zero = None
+    if spec is not None and spec.zero is not None:
+        zero = float(_convert_units(np.array(spec.zero), channel, unit, label, options))
+    return Column(channel, source, label, time, converted, unit, reason, sign, spec, zero)
 
 
 def _detect_unit(
@@ -208,9 +213,9 @@ def _convert_units(values: Array, channel: str, unit: str, label: str, options: 
 def apply_given_sign(column: Column, side: str, log: ImportLog) -> Array:
     """Return the values of a ``column`` whose sign cannot be detected, with the user's sign and zero, and log them."""
     spec = column.spec
-    sign, zero = (spec and spec.sign) or 1, (spec and spec.zero) or 0.0
+    sign, logged_zero = (spec and spec.sign) or 1, (spec and spec.zero) or 0.0
     log.add_channel(
         **{"channel": column.channel, "side": side, "file": column.file_name, "column": column.label},
-        **{"unit": column.unit, "sign": sign, "zero": zero, "reason": f"unit {column.unit_reason}"},
+        **{"unit": column.unit, "sign": sign, "zero": logged_zero, "reason": f"unit {column.unit_reason}"},
     )
-    return np.asarray(sign * column.values - zero, dtype=np.float64)
+    return np.asarray(sign * column.values - (column.zero or 0.0), dtype=np.float64)

@@ -47,7 +47,7 @@ class ColumnSpec:
     sign: int | None = None
     """Factor (1 or -1) that gives the standard sign."""
     zero: float | None = None
-    """Value in the file, after the sign, at the channel's zero [deg]."""
+    """Reading of the column, after the sign, at the channel's zero, in the column's unit."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def _parse_column_spec(value: Any, location: str) -> ColumnSpec:
     if sign is not None and (isinstance(sign, bool) or sign not in (1, -1)):
         raise InputError(f"{location}: sign = {sign!r}; allowed: 1 and -1")
     if zero is not None and (isinstance(zero, bool) or not isinstance(zero, int | float) or not math.isfinite(zero)):
-        raise InputError(f"{location}: zero = {zero!r}; allowed is a number of degrees")
+        raise InputError(f"{location}: zero = {zero!r}; allowed is a number in the unit of the column")
     return ColumnSpec(value["column"], unit, sign, zero)
 
 

@@ -1,0 +1,42 @@
+"""Columns of channels in standard units."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.mocap.import_log import ImportLog
+from klute_sim.mocap.kinematics.postprocess import apply_sign
+from klute_sim.mocap.options import ImportOptions
+from klute_sim.mocap.parsing import mapping, sources
+from klute_sim.mocap.parsing.channel_lookup import Column, apply_given_sign, find_column
+from klute_sim.mocap.parsing.channel_names import Side
+
+TIME = np.arange(100) / 100.0
+SWING = np.sin(2 * np.pi * TIME)
+
+
+def find(folder: Path, columns: dict[str, np.ndarray], channel: str, side: Side | None, map_text: str = "") -> Column:
+    """Return the column of ``channel`` in a table with ``columns`` over time."""
+    table = np.column_stack([TIME, *columns.values()])
+    np.savetxt(folder / "a.csv", table, delimiter=",", header=",".join(["time [s]", *columns]), comments="")
+    (folder / "map.toml").write_text(map_text)
+    options = ImportOptions(mapping=mapping.read(folder / "map.toml"))
+    column = find_column([sources.read(folder / "a.csv")], channel, side, options)
+    assert column is not None
+    return column
+
+
+def test_zero_is_a_reading_in_the_unit_of_the_column(tmp_path: Path) -> None:
+    log = ImportLog()
+    force = find(
+        *(tmp_path, {"LC [kgf]": np.full(100, -12.0)}, "force", None),
+        '[prosthesis]\nforce = { column = "LC [kgf]", sign = -1, zero = 2.0 }\n',
+    )
+    assert apply_given_sign(force, "prosthesis", log) == pytest.approx(10.0 * 9.80665)
+    angle = find(
+        *(tmp_path, {"A [rad]": SWING + 1.5}, "ankle_angle", "right"),
+        '[right]\nankle_angle = { column = "A [rad]", sign = 1, zero = 1.5 }\n',
+    )
+    assert apply_sign(angle, (), "right", log) == pytest.approx(np.degrees(SWING))
+    assert [(entry["unit"], entry["zero"]) for entry in log.channels] == [("kgf", 2.0), ("rad", 1.5)]
