@@ -212,7 +212,13 @@ pelvis_tilt_moment hip_flexion_r_moment actuator_moment LeftKneeFlexionMoment su
 MedioLateralGRF grf_moment_x ground_reaction_point_x"""
 
 
-@pytest.mark.parametrize("label", [*OTHERS.split(), "Hip [N*m/kg]", "Ankle [mm]"])
+COMMANDS = ("Ankle angle setpoint [deg]", "ankle_angle_desired", "ankle_angle_target", "commanded ankle angle (deg)")
+OTHER_PLANES = ("Ankle inversion angle", "Ankle Angle Frontal", "Hip abduction angle", "knee valgus angle")
+
+
+@pytest.mark.parametrize(
+    "label", [*OTHERS.split(), "Hip [N*m/kg]", "Ankle [mm]", *COMMANDS, *OTHER_PLANES, "knee_angle_r_acc"]
+)
 def test_other_labels_are_ignored(label: str) -> None:
     assert channel_names.parse_channel_label(label) is None
 

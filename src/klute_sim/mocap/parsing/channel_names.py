@@ -62,11 +62,16 @@ _FORE_AFT_TOKENS = (
     *(frozenset({"braking"}), frozenset({"propulsive"})),
 )
 """Words of which each set names the fore-aft axis; the sign is detected, so either end of the axis will do."""
-_COMMAND_TOKENS = {"command", "commanded", "desired", "setpoint", "target"}
+_COMMAND_TOKENS = {"command", "commanded", "cmd", "desired", "setpoint", "target"}
 _MEASUREMENT_TOKENS = {"measured", "actual", "sensor"}
 _EXCLUDED_TOKENS = frozenset(
-    ("reference", "sd", "std", "command", "beta", "adduction", "rotation", "velocity", "actuator", "passive", "stop")
+    (
+        *(*_COMMAND_TOKENS, "reference", "ref", "sd", "std", "beta", "actuator", "passive", "stop"),
+        *("velocity", "vel", "acceleration", "acc"),
+        *("adduction", "abduction", "inversion", "eversion", "varus", "valgus", "rotation", "frontal", "transverse"),
+    )
 )
+"""Words of columns of a leg that are no measured angle or load in the plane of walking."""
 _PLATE_PATTERN = re.compile(
     r"(?:(?P<prefix>\w+?)_)?ground_(?P<quantity>force|moment|torque)_(?:(?P<name>[A-Za-z0-9]+)_)?"
     r"(?P<kind>[vpm])?_?(?P<axis>[xyz123])"
