@@ -5,6 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from klute_sim.errors import InputError
+from klute_sim.mocap.formats import storage
+from klute_sim.mocap.formats.storage import Storage
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics.postprocess import apply_sign
 from klute_sim.mocap.options import ImportOptions
@@ -40,3 +43,25 @@ def test_zero_is_a_reading_in_the_unit_of_the_column(tmp_path: Path) -> None:
     )
     assert apply_sign(angle, (), "right", log) == pytest.approx(np.degrees(SWING))
     assert [(entry["unit"], entry["zero"]) for entry in log.channels] == [("kgf", 2.0), ("rad", 1.5)]
+
+
+def test_angles_without_unit_have_that_of_the_knee(tmp_path: Path) -> None:
+    tilt = find(tmp_path, {"pelvis_tilt": SWING, "knee_angle_r": 30.0 * SWING}, "pelvis_tilt", None)
+    assert (tilt.unit, tilt.unit_reason) == ("deg", "by the magnitude")
+    tilt = find(tmp_path, {"pelvis_tilt": 0.02 * SWING, "hip_flexion_r": 0.3 * SWING}, "pelvis_tilt", None)
+    assert tilt.unit == "rad"
+    mapped = find(
+        *(tmp_path, {"A": SWING, "K": 30.0 * SWING}, "ankle_angle", "right"),
+        '[right]\nankle_angle = "A"\nknee_angle = "K"\n',
+    )
+    assert mapped.unit == "deg"
+    with pytest.raises(InputError, match=r"'pelvis_tilt' has no unit, and the file has no joint angle that shows it"):
+        find(tmp_path, {"pelvis_tilt": SWING}, "pelvis_tilt", None)
+
+
+def test_stated_unit_holds_without_a_knee(tmp_path: Path) -> None:
+    columns = {"time": TIME, "pelvis_tilt": SWING, "ankle_angle_r": 30.0 * SWING}
+    storage.write(Storage(columns, True), tmp_path / "a.mot")
+    tilt = find_column([sources.read(tmp_path / "a.mot")], "pelvis_tilt", None, ImportOptions())
+    assert tilt is not None
+    assert (tilt.unit, tilt.unit_reason) == ("deg", "stated")

@@ -1,6 +1,6 @@
 """Lookup of the column of a channel in the files of a trial, and its conversion to standard units."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,7 +101,7 @@ def _make_column(
     source: SourceFile, label: str, channel: str, sign: int, spec: ColumnSpec | None, options: ImportOptions
 ) -> Column:
     values = source.get_column(label)
-    unit, reason = _detect_unit(source, label, channel, values, spec)
+    unit, reason = _detect_unit(source, label, channel, values, spec, options)
     time = read_time(source)
     converted = _convert_units(values, channel, unit, label, options)
     zero = None
@@ -111,16 +111,16 @@ def _make_column(
 
 
 def _detect_unit(
-    source: SourceFile, label: str, channel: str, values: Array, spec: ColumnSpec | None
+    source: SourceFile, label: str, channel: str, values: Array, spec: ColumnSpec | None, options: ImportOptions
 ) -> tuple[str, str]:
     """Return the unit of a column and how it was determined."""
     if spec and spec.unit:
         return spec.unit, "as specified"
     stated_unit = source.units.get(label)
     if channel in channel_names.ANGLE_CHANNELS and source.file_type == OPENSIM_STORAGE:
-        knee_label = next((other for other in source.labels if _is_knee_angle(other)), label)
-        detected_unit = conventions.detect_angle_unit(source.get_column(knee_label))
-        if stated_unit and detected_unit != stated_unit:
+        knees = _collect_columns(source, ("knee_angle",), options)
+        detected_unit = conventions.detect_angle_unit(knees) if knees else stated_unit
+        if stated_unit and detected_unit and detected_unit != stated_unit:
             return detected_unit, f"{HEADER_CONTRADICTION} {stated_unit}"
     if stated_unit:
         return stated_unit, "stated"
@@ -129,14 +129,38 @@ def _detect_unit(
             f"{source.path}: column '{label}' has no unit; write the heading '{channel} "
             f"[{_CHANNEL_UNITS.get(channel, 'N')}]', or give the unit in a file for --map, under [prosthesis]"
         )
+    if channel in channel_names.ANGLE_CHANNELS:
+        return _guess_angle_unit(source, label, options), "by the magnitude"
     unit = _guess_unit(channel, _select_unit_evidence(source, channel, values))
     unambiguous = (channel_names.BELT_SPEED, channel_names.PELVIS_X, *channel_names.POSITION_CHANNELS)
     return unit, "assumed" if channel in unambiguous else "by the magnitude"
 
 
-def _is_knee_angle(label: str) -> bool:
-    parsed = parse_channel_label(label)
-    return parsed is not None and parsed.channel == "knee_angle"
+def _collect_columns(source: SourceFile, channels: Collection[str], options: ImportOptions) -> list[Array]:
+    """Return the columns of ``source`` that hold one of ``channels``, of any side, without empty ones."""
+    specified = {spec.column for (_, channel), spec in options.mapping.channels.items() if channel in channels}
+    parsed_labels = {label: parse_channel_label(label) for label in source.labels}
+    columns = [
+        source.get_column(label)
+        for label, parsed in parsed_labels.items()
+        if label in specified or (parsed is not None and parsed.channel in channels)
+    ]
+    return [column for column in columns if np.isfinite(column).any()]
+
+
+def _guess_angle_unit(source: SourceFile, label: str, options: ImportOptions) -> str:
+    """Return the unit of the angles of ``source`` by its knee angles, or by its other joint angles without these.
+
+    Raises InputError for a pelvis tilt alone, which may move by as many degrees as a joint by radians.
+    """
+    joints = [channel for channel in channel_names.ANGLE_CHANNELS if channel != channel_names.PELVIS_TILT]
+    angles = _collect_columns(source, ("knee_angle",), options) or _collect_columns(source, joints, options)
+    if not angles:
+        raise InputError(
+            f"{source.path}: column '{label}' has no unit, and the file has no joint angle that shows it; write the "
+            f"heading '{label} [deg]', or give the unit in a file for --map, under [body]"
+        )
+    return conventions.detect_angle_unit(angles)
 
 
 def read_time(source: SourceFile) -> Array:
@@ -174,9 +198,7 @@ def _select_unit_evidence(source: SourceFile, channel: str, values: Array) -> Ar
 
 
 def _guess_unit(channel: str, values: Array) -> str:
-    """Return the most plausible unit of ``values`` for walking."""
-    if channel in channel_names.ANGLE_CHANNELS:
-        return conventions.detect_angle_unit(values)
+    """Return the most plausible unit of ``values`` for walking, of a channel that is no angle."""
     magnitude = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
     if channel == channel_names.ANKLE_MOMENT:
         return "N*m/kg" if magnitude < 5.0 else "N*m"

@@ -105,9 +105,12 @@ def estimate_flat_foot_pitch(time: Array, pitch: Array, contacts: Sequence[Conta
     return float(np.median(known)) if len(known) else None
 
 
-def detect_angle_unit(values: Array) -> str:
-    """Return ``rad`` or ``deg``: in walking every joint moves by more than 7 degrees and less than 3 radians."""
-    return "rad" if float(np.nanmax(values) - np.nanmin(values)) < 3.2 else "deg"
+def detect_angle_unit(joint_angles: Sequence[Array]) -> str:
+    """Return ``rad`` or ``deg``, the unit of ``joint_angles``, by the one with the widest range.
+
+    In walking every joint moves by more than 7 degrees and less than 3 radians; the pelvis may tilt by less.
+    """
+    return "rad" if max(float(np.nanmax(angle) - np.nanmin(angle)) for angle in joint_angles) < 3.2 else "deg"
 
 
 def detect_clipping(values: Array) -> tuple[float, float] | None:
