@@ -26,6 +26,17 @@ def test_device_without_a_supply_needs_no_command(tmp_path: Path) -> None:
     assert [trial.group for trial in ks.load_dataset(tmp_path).trials] == ["short", "slow", "slow"]
 
 
+def test_group_has_the_name_of_no_trial(tmp_path: Path) -> None:
+    for name, scale in (("ramp", 0.5), ("ramp_1", 1.0), ("ramp_2", 1.0)):
+        columns = [TIME, 340.0 + scale * (LENGTH - 340.0), COMMAND, FORCE]
+        write(tmp_path / f"{name}.csv", ["t [s]", "L [mm]", "cmd [bar]", "F [N]"], columns)
+    assert ks.draft_dataset(tmp_path, DEVICE).n_groups == 2
+    alone, *repeats = (trial.group for trial in ks.load_dataset(tmp_path).trials)
+    assert alone == "ramp"
+    assert len(set(repeats)) == 1
+    assert repeats[0] != "ramp"
+
+
 def test_repeats_agree_in_the_inputs_that_are_known(tmp_path: Path) -> None:
     for name, scale in (("a", 1.0), ("b", 1.0), ("c", 0.5)):
         columns = [TIME, 340.0 + scale * (LENGTH - 340.0), COMMAND, FORCE]

@@ -256,6 +256,7 @@ def _plan_trials(
     file: DatasetFile, device: Device, mechanism: DatasetMechanism | None, channels: ChannelSource, source: str
 ) -> list[_TrialPlan]:
     names = _name_trials(file, source)
+    _check_groups(file, names, source)
     entries = [SplitEntry(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)]
     specimens = [entry.specimen or "" for entry in file.trial]
     declarations.check_specimens([*zip(entries, specimens, strict=True)], source)
@@ -352,6 +353,17 @@ def _name_trials(file: DatasetFile, source: str) -> list[str]:
             )
         names.append(name)
     return names
+
+
+def _check_groups(file: DatasetFile, names: Sequence[str], source: str) -> None:
+    """Raise InputError where a stated group is that of a trial without one, which has its own name as its group."""
+    alone = {name for name, entry in zip(names, file.trial, strict=True) if entry.group is None}
+    for name, entry in zip(names, file.trial, strict=True):
+        if entry.group in alone:
+            raise InputError(
+                f"{source}, trial '{name}': group = '{entry.group}' is the name of a trial without a group, which "
+                "would become a repeat of this one; rename the group, or state it for that trial as well"
+            )
 
 
 def replace_tolerances(dataset: Dataset, texts: Sequence[str]) -> Dataset:

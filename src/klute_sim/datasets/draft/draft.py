@@ -5,6 +5,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, count
 from pathlib import Path
 
 from klute_sim.datasets.channels import get_measured_units, get_prescribed_units
@@ -271,15 +272,18 @@ def _format_assignment(channel: str, choice: ColumnChoice) -> str:
 
 
 def _name_groups(files: Sequence[RecognizedFile], groups: Sequence[int]) -> list[str]:
-    """Return the name of the group of each file; '' for a file without repeats."""
+    """Return the name of the group of each file, which is that of no trial; '' for a file without repeats."""
     members: dict[int, list[str]] = {}
     for file, group in zip(files, groups, strict=True):
         members.setdefault(group, []).append(file.path.stem)
+    taken = {"+".join(Path(name).stem for name in _list_names(file)) for file in files}
     names: dict[int, str] = {}
     for group, stems in members.items():
         if len(stems) > 1:
             name = _find_common_beginning(stems).rstrip("_-. ") or stems[0]
-            names[group] = name if name not in names.values() else f"{name}_{group + 1}"
+            numbered = (f"{name}_repeats_{number}" for number in count(2))
+            names[group] = next(each for each in chain((name, f"{name}_repeats"), numbered) if each not in taken)
+            taken.add(names[group])
     return [names.get(group, "") for group in groups]
 
 
