@@ -345,6 +345,12 @@ def _load_device(name: str, folder: Path) -> Device:
 def _name_trials(file: DatasetFile, source: str) -> list[str]:
     names: list[str] = []
     for number, entry in enumerate(file.trial, 1):
+        for path in entry.files:
+            if not PurePath(path).name:
+                raise InputError(
+                    f"{source}: trial {number} names '{path}', which is a folder; give the paths of files relative to "
+                    "the folder of dataset.toml"
+                )
         name = "+".join(PurePath(path).with_suffix("").as_posix() for path in entry.files)
         if name in names:
             raise InputError(
