@@ -277,6 +277,7 @@ HEAD = "time [s],force [N]\n"
         ("time [s]\tforce [N]\n0\t1,234.5\n", "'1,234.5' separates thousands; write digits without"),
         ("time [s];force [N]\n0;1,234,567\n", "'1,234,567' separates thousands; write digits without"),
         ("time [s];force [N]\n0;1 234\n", "'1 234' separates thousands; write digits without"),
+        ("time [s];force [N]\n1e-2;1,234\n", "line 2: '1,234' may have a decimal comma or separate thousands; write"),
         ("time [s];force [N]\n0;999\n1;1,234\n", "line 3: '1,234' may have a decimal comma or separate thousands; wr"),
         ("time [s];force [N]\n1;2\n2;1;5\n", "line 3 has 3 cells, but the heading (line 1) has 2 cells"),
         ('time [s],force [N],x\n1,2,\n2,3,"oops\n3,4,\n', "line 3 opens a quote and does not close it"),

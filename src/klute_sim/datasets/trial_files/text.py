@@ -32,8 +32,10 @@ UTF16_BOMS = (b"\xff\xfe", b"\xfe\xff")
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(([.,' \u00a0\u202f])\d{3})+([.,]\d*)?")
-_CERTAIN_DECIMAL_COMMA = r"^\s*[+-]?(0\d*|\d{4,})?,|,(\d{0,2}|\d{4,})\s*$|[eE]"
-"""A comma that cannot separate thousands, for RE2."""
+_CERTAIN_DECIMAL_COMMA = (
+    r"^\s*[+-]?((0\d*|\d{4,})?,\d*([eE][+-]?\d+)?|\d*,(\d{0,2}|\d{4,})([eE][+-]?\d+)?|\d*,\d+[eE][+-]?\d+)\s*$"
+)
+"""A number with a comma that cannot separate thousands, for RE2."""
 _CLOCK_TIME = re.compile(
     r"(?=\d)(\d{1,4}([-./])\d{1,2}\2\d{1,4}[T ]*)?(\d{1,2}:\d{2}(:\d{2}([.,]\d*)?)?)?\s*"
     r"(Z|[+-]\d{2}:?\d{2}|[AaPp][Mm])?"
