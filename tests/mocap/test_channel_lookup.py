@@ -65,3 +65,12 @@ def test_stated_unit_holds_without_a_knee(tmp_path: Path) -> None:
     tilt = find_column([sources.read(tmp_path / "a.mot")], "pelvis_tilt", None, ImportOptions())
     assert tilt is not None
     assert (tilt.unit, tilt.unit_reason) == ("deg", "stated")
+
+
+def test_decimal_mark_is_that_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time [s];force [N]\n0,000;1,234\n0,001;2,345\n")
+    assert sources.read(path).get_column("force [N]").tolist() == [1.234, 2.345]
+    path.write_text("time [s];force [N]\n1;1,234\n2;2,345\n")
+    with pytest.raises(InputError, match=r"'1,234' may have a decimal comma or separate thousands"):
+        sources.read(path).get_column("force [N]")

@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -118,12 +119,20 @@ class DelimitedText:
         )
         return [table.column(name) for name in options.include_columns]
 
-    def _check_decimal_commas(self, indices: Sequence[int]) -> None:
-        """Raise InputError when all commas in the columns with ``indices`` may separate thousands, as in ``1,234``."""
+    @cached_property
+    def _has_certain_decimal_comma(self) -> bool:
+        """Whether a number in any column has a comma that cannot separate thousands, as that of ``1,234`` can."""
+        indices = range(len(self.headings))
         options = pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(map(str, indices), pa.binary()))
-        for column in self._parse(indices, options):
-            if pyarrow.compute.any(pyarrow.compute.match_substring_regex(column, _CERTAIN_DECIMAL_COMMA)).as_py():
-                return
+        return any(
+            pyarrow.compute.any(pyarrow.compute.match_substring_regex(column, _CERTAIN_DECIMAL_COMMA)).as_py()
+            for column in self._parse(indices, options)
+        )
+
+    def _check_decimal_commas(self, indices: Sequence[int]) -> None:
+        """Raise InputError for commas in the columns with ``indices`` if all in the file may separate thousands."""
+        if self._has_certain_decimal_comma:
+            return
         for number, line in self.iterate_lines():
             cells = next(csv.reader([line], delimiter=self.delimiter), [])
             for index in indices:
