@@ -78,6 +78,16 @@ changes = { "tendon.slack_length_mm" = 95 }
     assert only_trial.measured["angle_joint"].value[0] == pytest.approx(np.radians(20.0))
 
 
+def test_trial_changes_one_device_of_a_mechanism(tmp_path: Path) -> None:
+    changes = '[trial.device]\n"extensor/tendon.engagement_mm" = 6\n"tendon.engagement_mm" = 5\n'
+    (trial,) = load(tmp_path, VALID + changes).trials
+    stretches = {name: device.parameters.tendon.engagement_stretch for name, device in trial.devices.items()}
+    assert stretches == {"flexor": 0.005, "extensor": 0.006}
+    heavy = '[trial.device]\n"extensor/muscle.c10_kpa" = 1\n'
+    with pytest.raises(InputError, match=r"accept it with --accept extensor/muscle\.c10_kpa"):
+        load(tmp_path, VALID + heavy)
+
+
 def test_initial_state_of_a_trial_is_stated_with_units(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text("utf-8")
     (initial,) = re.findall(r"^```toml\n(\[trial.initial\]\n.*?)^```", page, re.MULTILINE | re.DOTALL)
@@ -143,6 +153,7 @@ def test_model_in_the_folder_belongs_to_the_digest(tmp_path: Path) -> None:
             VALID + '[trial.initial]\nvelocity_elbow = "1 rad/s"\n',
             "did you mean 'velocity_joint'",
         ),
+        (VALID + '[trial.device]\n"flexer/tendon.engagement_mm" = 6\n', "no device; did you mean 'flexor'"),
         (VALID + '[trial.initial]\nvelocity_joint = "90 deg"\n', "unit of the wrong kind; allowed: deg/s, rad/s"),
         (VALID + "[trial.initial]\nvelocity_joint = 3\n", "trial.1.initial.velocity_joint = 3"),
         (VALID + '[trial.initial]\npressure_flexor = "-1 bar"\n', "allowed: a gauge pressure of 0 or more"),

@@ -12,6 +12,7 @@ from klute_sim.datasets.channels import (
     ChannelSource,
     get_column_units,
 )
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR
 from klute_sim.datasets.trial import Trial, TrialChannels
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import compute_muscle_force
@@ -115,13 +116,14 @@ def _describe_gait_trial(trial: Trial, units: Mapping[str, str]) -> GaitChannels
 
 def find_implausible_changes(trials: Sequence[Trial], changes: Sequence[Mapping[str, float]]) -> list[Finding]:
     """Return what is implausible in the numbers of the device that the ``changes`` of each trial replace."""
-    return [
-        finding
-        for trial, changed in zip(trials, changes, strict=True)
-        if changed
-        for finding in check_device_numbers(trial.device.spec.collect_values(), f"trial '{trial.name}'")
-        if finding.name in changed
-    ]
+    findings = []
+    for trial, changed in zip(trials, changes, strict=True):
+        devices = {"": trial.device, **{f"{tendon}{DEVICE_SEPARATOR}": each for tendon, each in trial.devices.items()}}
+        for prefix, device in devices.items() if changed else ():
+            found = check_device_numbers(device.spec.collect_values(), f"trial '{trial.name}'")
+            named = [finding._replace(name=f"{prefix}{finding.name}") for finding in found]
+            findings += [finding for finding in named if finding.name in changed]
+    return findings
 
 
 def collect_samples(trial: Trial, units: Mapping[str, str], rig: ChannelSource) -> dict[str, Samples]:

@@ -13,7 +13,12 @@ from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, RigName, res
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
 from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.initial_state import check_initial_state, parse_initial_state
-from klute_sim.datasets.mechanism import DatasetMechanism, check_model_numbers, load_dataset_mechanism
+from klute_sim.datasets.mechanism import (
+    DatasetMechanism,
+    check_model_numbers,
+    load_dataset_mechanism,
+    select_shared,
+)
 from klute_sim.datasets.muscle_diameter import scale_muscle
 from klute_sim.datasets.remarks import collect_file_remarks, describe_accepted, describe_scope
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses, split_trials
@@ -277,12 +282,12 @@ def _plan_trials(
         }
         heading_row = entry.heading_row or file.heading_row
         mapping = parse_mapping(file.columns, entry.columns, channels, source, place, heading_row)
-        changed_device = device.with_changes(entry.device, place)
+        changed_device = device.with_changes(entry.device if mechanism is None else select_shared(entry.device), place)
         devices: dict[str, Device] = {}
         numbers: dict[str, float] = {}
         initial_state = InitialState()
         if mechanism is not None:
-            devices = {name: each.with_changes(entry.device, place) for name, each in mechanism.devices.items()}
+            devices = mechanism.change_devices(entry.device, f"{place}: [trial.device]")
             changes = check_model_numbers(entry.numbers, mechanism.model_values, f"{place}: [trial.numbers]")
             numbers = {**mechanism.numbers, **changes}
             initial_state = parse_initial_state(entry.initial, mechanism, f"{place}: [trial.initial]")

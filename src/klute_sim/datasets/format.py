@@ -125,7 +125,8 @@ class TrialEntry(_Section):
     use: Use | None = None
     """Use of the group; by default the program splits the groups."""
     device: Numbers = {}
-    """``section.key`` -> value in the key's unit, where the device of this trial (on a mechanism: each) differs."""
+    """``section.key`` -> value in the key's unit, where the device of this trial differs; on a mechanism each device,
+    or with ``tendon/section.key`` one."""
     heading_row: HeadingRow | None = None
     """Line of the heading in the text files of this trial."""
     columns: dict[str, Expressions] = {}

@@ -55,6 +55,23 @@ class DatasetMechanism:
         except ValueError:
             return None
 
+    def change_devices(self, changes: Mapping[str, float], place: str) -> dict[str, Device]:
+        """Return tendon -> device with ``changes`` of ``section.key`` of all, or of ``tendon/section.key`` of one.
+
+        Raises InputError, which begins with ``place``, for a tendon without a device and for a number that a device
+        lacks.
+        """
+        own: dict[str, dict[str, float]] = {tendon: {} for tendon in self.devices}
+        for name, value in changes.items():
+            tendon, separator, key = name.rpartition(DEVICE_SEPARATOR)
+            if separator and tendon not in own:
+                listing = f"the devices are on: {', '.join(own)}"
+                raise InputError(f"{place}: '{name}' names no device; {suggest(tendon, own, listing)}")
+            if separator:
+                own[tendon][key] = value
+        shared = select_shared(changes)
+        return {tendon: self.devices[tendon].with_changes({**shared, **own[tendon]}, place) for tendon in own}
+
     def collect_nominal_numbers(self) -> dict[str, float]:
         """Return the numbers of the model and of each single device, by the names that ``[uncertain]`` uses."""
         device_numbers = {
@@ -170,6 +187,11 @@ def check_model_numbers(numbers: Mapping[str, float], known: Mapping[str, float]
         if name not in known:
             raise InputError(f"{place}: '{name}' is not a number of the model; {suggest_number(name, known)}")
     return {name: float(value) for name, value in numbers.items()}
+
+
+def select_shared(changes: Mapping[str, float]) -> dict[str, float]:
+    """Return those of the ``changes`` of devices that are not of the device on one tendon."""
+    return {name: value for name, value in changes.items() if DEVICE_SEPARATOR not in name}
 
 
 def is_model_number(name: str) -> bool:
