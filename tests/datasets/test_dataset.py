@@ -205,6 +205,7 @@ def load_error(folder: Path) -> str:
         ('files = ["a.csv"]', "files = [1]", "trial.1.files.1 = 1 is refused; allowed: a list of one or more file"),
         ('files = ["a.csv"]', "", "key 'trial.1.files' is missing; allowed: a list of one or more file names"),
         ('files = ["a.csv"]', 'files = ["no.csv"]', "no.csv does not exist; give paths relative to the folder"),
+        ("[uncertain]", 'accept = ["force-units"]\n[uncertain]', "dataset.toml, accept: there is no finding 'force-un"),
         ('files = ["a.csv"]', 'files = ["."]', "trial 1 names '.', which is a folder; give the paths of files"),
         ('files = ["a.csv"]', 'files = ["/"]', "trial 1 names '/', which is a folder"),
         ('group = "iso"', 'group = "c"', "group = 'c' is the name of a trial without a group, which would become"),

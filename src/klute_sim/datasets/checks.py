@@ -93,14 +93,15 @@ def check_motion_rate(trial: Trial, source: str) -> None:
 
 
 def check_accepted(
-    names: Iterable[str], findings: Iterable[Finding], rig: ChannelSource, numbers: Iterable[str]
+    names: Iterable[str], findings: Iterable[Finding], rig: ChannelSource, numbers: Iterable[str], place: str = ""
 ) -> None:
     """Raise InputError for one of ``names`` to accept that is none of ``findings`` and cannot be one on ``rig``.
 
-    ``numbers`` are the names of the numbers of device and model, which may be implausible, too.
+    ``numbers`` are the names of the numbers of device and model, which may be implausible, too. ``place`` begins the
+    sentence.
     """
     others = (GRAVITY_NAME, *numbers)
-    check_accepted_names(names, findings, (*SI_UNITS, *get_column_units(rig)), others)
+    check_accepted_names(names, findings, (*SI_UNITS, *get_column_units(rig)), others, place)
 
 
 def _describe_gait_trial(trial: Trial, units: Mapping[str, str]) -> GaitChannels:

@@ -162,6 +162,7 @@ def load_dataset(
     )
     changes = checks.find_implausible_changes(trials, [entry.device for entry in file.trial])
     findings = [*changes, *found.findings]
+    checks.check_accepted(file.accept, findings, channel_source, known_values, f"{source}, accept: ")
     checks.check_accepted(accept, findings, channel_source, known_values)
     accepted = require_accepted(findings, accepted_names)
     questioned = [trial for trial in trials if f"trial '{trial.name}'" in found.questioned_places]

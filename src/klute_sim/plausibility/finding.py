@@ -62,12 +62,16 @@ def format_options(names: Sequence[str]) -> str:
 
 
 def check_accepted_names(
-    names: Iterable[str], found: Iterable[Finding], channels: Collection[str], others: Collection[str] = ()
+    names: Iterable[str],
+    found: Iterable[Finding],
+    channels: Collection[str],
+    others: Collection[str] = (),
+    place: str = "",
 ) -> None:
     """Raise InputError for one of ``names`` to accept that no finding in trials with ``channels`` can have.
 
-    ``others`` are further possible names. The sentence lists the names that were ``found``; a possible one that was
-    not is allowed, because the same names may be accepted for several datasets.
+    ``others`` are further possible names. The sentence begins with ``place`` and lists the names that were ``found``; a
+    possible one that was not is allowed, because the same names may be accepted for several datasets.
     """
     found_names = list(dict.fromkeys(finding.name for finding in found))
     for name in names:
@@ -77,7 +81,7 @@ def check_accepted_names(
             listing = (
                 f"found in these data: {', '.join(found_names)}" if found_names else "these data have none to accept"
             )
-            raise InputError(f"there is no finding '{name}'; {suggest(name, found_names, listing)}")
+            raise InputError(f"{place}there is no finding '{name}'; {suggest(name, found_names, listing)}")
 
 
 def require_accepted(
