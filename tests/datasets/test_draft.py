@@ -101,6 +101,17 @@ def test_any_heading_can_be_read(heading: str) -> None:
     assert meaning is None or meaning.channel
 
 
+def test_unit_in_other_words_becomes_an_expression(tmp_path: Path) -> None:
+    headings = ["time [s]", "length [mm]", "pressure_command [KPA]", "pressure [psig]", "force [kg]"]
+    write(tmp_path / "a.csv", headings, [TIME, LENGTH, 100.0 * COMMAND, 14.5 * COMMAND, FORCE])
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert draft.is_complete
+    lines = ("pressure_command [KPA]` [kPa]", "pressure [psig]` [psi]", "force [kg]` [kgf]")
+    assert all(line in draft.text for line in lines)
+    (trial,) = ks.load_dataset(tmp_path).trials
+    assert trial.measured["force"].value.max() == pytest.approx(300.0 * 9.80665)
+
+
 def test_filtered_column_comes_after_the_measured_one() -> None:
     filtered, measured = interpret_heading("Force filtered [N]"), interpret_heading("Force [N]")
     assert filtered is not None

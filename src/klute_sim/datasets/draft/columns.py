@@ -24,7 +24,7 @@ ATMOSPHERIC_PRESSURE_PA = 101325.0
 _SI_UNITS = get_column_units("bench")
 USUAL_UNITS = {"s": "s", "m": "mm", "N": "N", "Pa": "bar"}
 """SI unit -> unit that is assumed where a heading states none, and its samples do not contradict."""
-_STANDARD_HEADING = re.compile(r"\w+\s*\[[^\[\]]+\]")
+_STANDARD_HEADING = re.compile(r"(?P<name>\w+)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]")
 _PLAIN_NAME = re.compile(r"[^\W\d]\w*")
 
 
@@ -140,8 +140,8 @@ def _choose_headings(headings: Sequence[str], *, is_raw: bool) -> dict[str, tupl
 
 
 def _describe_column(heading: str, meaning: HeadingMeaning, assumed_unit: str, *, has_units: bool) -> ColumnChoice:
-    is_named = heading.split("[")[0].strip().lower() in (meaning.channel, "unit_length")
-    if is_named and has_units and _STANDARD_HEADING.fullmatch(heading) and not meaning.is_absolute:
+    standard = _STANDARD_HEADING.fullmatch(heading) if has_units and not meaning.is_absolute else None
+    if standard and standard["name"].lower() in (meaning.channel, "unit_length") and standard["unit"] == meaning.unit:
         return ColumnChoice(heading, None, meaning.unit)
     unit = meaning.unit or assumed_unit or USUAL_UNITS[_SI_UNITS[meaning.channel]]
     if unit == PERCENT:

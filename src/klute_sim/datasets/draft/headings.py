@@ -20,7 +20,7 @@ _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 _PRESSURE_UNIT = re.compile(r"(?P<unit>[mkh]?pa|m?bar|psi)\(?(g|gauge|rel|ü|(?P<absolute>a|abs|absolute))\)?")
 """A unit that says whether the pressure is a gauge or an absolute pressure, such as ``psig`` or ``kPa abs``."""
-_SPELLINGS = {"pa": "Pa", "hpa": "hPa", "kpa": "kPa", "mpa": "MPa"}
+_SPELLINGS = {"pa": "Pa", "hpa": "hPa", "kpa": "kPa", "mpa": "MPa", "bar": "bar", "mbar": "mbar", "psi": "psi"}
 """Unit of pressure in small letters -> unit."""
 _RAW_UNITS = frozenset(("v", "mv", "mv/v", "ma", "count", "counts", "cts", "adc", "lsb", "digit", "digits", "raw"))
 """Units of readings that become a channel by a calibration only."""
@@ -108,7 +108,9 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     pressure_unit = _PRESSURE_UNIT.fullmatch(key)
     unit = "" if is_raw else stated_unit
     if pressure_unit:
-        unit = _SPELLINGS.get(pressure_unit["unit"], pressure_unit["unit"])
+        unit = _SPELLINGS[pressure_unit["unit"]]
+    elif key in _SPELLINGS and not _get_si_unit(stated_unit):
+        unit = _SPELLINGS[key]
     if key in _WEIGHT_UNITS and tokens & (_FORCE | {"weight", "cell"}):
         unit = _WEIGHT_UNITS[key]
     channel = _find_channel(name, tokens, unit)
