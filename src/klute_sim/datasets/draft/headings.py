@@ -13,7 +13,7 @@ PERCENT = "%"
 """Unit of an elongation or a contraction that is relative to the resting length."""
 _SI_UNITS = get_column_units("bench")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(\([ag]\))?[^()]*)\))\s*")
-_SEPARATED = re.compile(r"(?P<name>.*?\S)(\s*/\s*|\s+in\s+|[\s_]+)(?P<unit>[^\W\d_]+)", re.IGNORECASE)
+_SEPARATED = re.compile(r"(?P<name>.*?\S)(?P<separator>\s*/\s*|\s+in\s+|[\s_]+)(?P<unit>[^\W\d_]+)", re.IGNORECASE)
 """``p / bar``, ``force in N``, ``pressure_bar``."""
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
 _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
@@ -102,7 +102,7 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     if len(heading) > MAX_HEADING_LENGTH:
         return None
     name, stated_unit = _split_unit(heading)
-    tokens = {token.lower() for token in _TOKEN.findall(_spell_in_ascii(name))}
+    tokens = _split_words(name)
     key = stated_unit.replace(" ", "").lower()
     is_raw = key in _RAW_UNITS or (not key and bool(tokens & _RAW_WORDS))
     pressure_unit = _PRESSURE_UNIT.fullmatch(key)
@@ -130,6 +130,10 @@ def find_gait_words(heading: str) -> set[str]:
     return {word.lower() for word in _GAIT.findall(heading)}
 
 
+def _split_words(name: str) -> set[str]:
+    return {token.lower() for token in _TOKEN.findall(_spell_in_ascii(name))}
+
+
 def _spell_in_ascii(text: str) -> str:
     """Return ``text`` with umlauts as two letters, and without accents."""
     decomposed = unicodedata.normalize("NFKD", text.translate(_UMLAUTS))
@@ -145,8 +149,11 @@ def _split_unit(heading: str) -> tuple[str, str]:
     if match is None:
         return heading, ""
     key = match["unit"].lower()
-    is_unit = _get_si_unit(match["unit"]) or key in _RAW_UNITS or _PRESSURE_UNIT.fullmatch(key)
-    return (match["name"], match["unit"]) if is_unit else (heading, "")
+    kind = "Pa" if _PRESSURE_UNIT.fullmatch(key) else "N" if key in _WEIGHT_UNITS else _get_si_unit(match["unit"])
+    if not match["separator"].strip(" _"):  # what follows may be a word: pressure_in, F_m
+        channel = _find_channel(match["name"], _split_words(match["name"]), "")
+        kind = kind if channel is None or kind == _SI_UNITS[channel] else None
+    return (match["name"], match["unit"]) if kind or key in _RAW_UNITS else (heading, "")
 
 
 def _get_si_unit(unit: str) -> str | None:
