@@ -121,8 +121,6 @@ def _holds_text(column_type: pa.DataType) -> bool:
 
 def _check_footer(footer: Any, n_columns: int, max_values: int, description: str) -> None:
     check_column_count(max(n_columns, footer.num_columns), description)
-    if footer.num_columns != n_columns:
-        raise InputError(f"{description} has columns that hold lists or tables; allowed: numbers")
     n_values = footer.num_rows * n_columns
     if not 0 <= n_values <= max_values or footer.num_row_groups > MAX_ROW_GROUPS:
         raise InputError(

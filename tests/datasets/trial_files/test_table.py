@@ -315,7 +315,16 @@ def test_parquet_is_recognized_by_its_content(tmp_path: Path, name: str) -> None
     assert result.locate_row(1) == "row 2"
 
 
+def test_parquet_may_have_other_columns_of_lists_and_structs(tmp_path: Path) -> None:
+    nested = {"pose": [{"x": 1.0, "y": 2.0}] * 2, "samples": [[1.0, 2.0], []]}
+    result = read(tmp_path, parquet(tmp_path, {**nested, "time [s]": [1, 2], "force [N]": [3, 4]}), "a.parquet")
+    assert result.columns["force"].tolist() == [3.0, 4.0]
+    assert result.ignored == ("pose", "samples")
+
+
 def test_invalid_parquet_is_refused(tmp_path: Path) -> None:
+    used = {"time [s]": [1, 2], "force [N]": [[1.0], [2.0]]}
+    assert "column 'force [N]' holds list<" in read_error(tmp_path, parquet(tmp_path, used), "a.parquet")
     assert "is not a Parquet file" in read_error(tmp_path, "time [s],force [N]\n1,2\n", "a.parquet")
     assert "is empty" in read_error(tmp_path, "", "a.parquet")
     text = parquet(tmp_path, {"time [s]": [1.0], "force [N]": ["2"]})
