@@ -161,6 +161,10 @@ def test_name_that_two_headings_match_is_refused(tmp_path: Path) -> None:
     assert "names 'Raw', but columns 'raw [V]' and 'RAW [A]' match it; write the complete heading in" in load_error(
         tmp_path, text
     )
+    (tmp_path / "c.csv").write_text("Raw [N],Raw [N]\n1,2\n", "utf-8")
+    assert "names 'Raw', but 2 columns have the heading 'Raw [N]'; rename all but one in the file" in load_error(
+        tmp_path, text
+    )
 
 
 MAT = """[columns]

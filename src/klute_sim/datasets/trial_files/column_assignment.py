@@ -145,10 +145,12 @@ def _find_columns(expression: Expression, file: ColumnSource, source: str) -> tu
     for name in expression.columns:
         matches = _match_headings(name, file)
         if len(matches) > 1:
-            columns = " and ".join(repr(file.headings[index]) for index in matches[:2])
+            first, second = (file.headings[index] for index in matches[:2])
+            matching = f"columns '{first}' and '{second}' match it; write the complete heading in backticks"
+            equal = f"{len(matches)} columns have the heading '{first}'; rename all but one in the file"
             raise InputError(
-                f"trial file {source}: {expression.label} = '{expression.text}' names '{name}', but columns {columns} "
-                "match it; write the complete heading in backticks"
+                f"trial file {source}: {expression.label} = '{expression.text}' names '{name}', but "
+                f"{equal if first == second else matching}"
             )
         if matches:
             indices[name] = matches[0]
