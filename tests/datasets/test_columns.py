@@ -75,6 +75,12 @@ def test_time_may_follow_from_the_row_and_a_clamped_length_from_a_number(tmp_pat
     assert trial.prescribed["length"].value == pytest.approx(np.full(N, 0.341))
 
 
+def test_number_of_the_row_is_no_column_of_another_case(tmp_path: Path) -> None:
+    text = MAPPING.replace("t [ms]", "row / 200 [s]")
+    second = load(tmp_path, text + TRIALS, Row=COUNTS + 1.0).trials[1]
+    assert second.measured["force"].time == pytest.approx(COUNTS / 200)
+
+
 def test_each_file_gives_the_channels_whose_columns_it_has(tmp_path: Path) -> None:
     text = "[columns]\n" + CHANNELS + 'pressure = "100 * p [kPa]"\n' + '[[trial]]\nfiles = ["a.csv", "c.csv"]\n'
     write(tmp_path / "c.csv", {"t": 20 * COUNTS, "p": 3 + 0 * COUNTS})

@@ -164,10 +164,13 @@ def _find_columns(expression: Expression, file: ColumnSource, source: str) -> tu
 
 
 def _match_headings(name: str, file: ColumnSource) -> list[int]:
-    """Return the indices of the headings that ``name`` means: the heading itself, or its part before a unit."""
+    """Return the indices of the headings that ``name`` means: the heading itself, or its part before a unit.
+
+    Case does not matter where nothing else matches, but ``Row`` is not meant by the number of the row.
+    """
     names = [_split_heading(heading)[0] for heading in file.headings] if file.has_units else list(file.headings)
-    folded = name.casefold()
-    for candidates, wanted in ((file.headings, name), (names, name), ([n.casefold() for n in names], folded)):
+    folded = [each.casefold() for each in names] if name != ROW else []
+    for candidates, wanted in ((file.headings, name), (names, name), (folded, name.casefold())):
         matches = [index for index, candidate in enumerate(candidates) if candidate == wanted]
         if matches:
             return matches
