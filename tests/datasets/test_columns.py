@@ -89,6 +89,14 @@ def test_each_file_gives_the_channels_whose_columns_it_has(tmp_path: Path) -> No
     assert trial.measured["pressure"].value == pytest.approx(3e5)
 
 
+def test_channel_by_the_row_belongs_to_the_first_file(tmp_path: Path) -> None:
+    text = MAPPING.replace('"stroke"', '"340 + 0.5 * row [mm]"').replace("t [ms]", "row / 200 [s]")
+    write(tmp_path / "c.csv", {"pressure [bar]": 3 + np.zeros(2 * N)})
+    trial = load(tmp_path, text + '[[trial]]\nfiles = ["a.csv", "c.csv"]\n').trials[0]
+    assert trial.prescribed["length"].value == pytest.approx(0.34 + 0.0005 * COUNTS)
+    assert trial.measured["pressure"].time == pytest.approx(np.arange(2 * N) / 200)
+
+
 def test_headings_with_units_need_no_expression(tmp_path: Path) -> None:
     text = '[columns]\ntime = "T"\n[[trial]]\nfiles = ["c.csv"]\n'
     columns = {"t (ms)": 10 * COUNTS, "length [mm]": 340 + 0 * COUNTS, "pressure_command [bar]": 3 + 0 * COUNTS}

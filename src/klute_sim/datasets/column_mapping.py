@@ -12,7 +12,7 @@ from klute_sim.datasets.channels import (
     resolve_channel,
 )
 from klute_sim.datasets.trial_files.column_assignment import states_unit
-from klute_sim.datasets.trial_files.expressions import Expression, parse_expression
+from klute_sim.datasets.trial_files.expressions import ROW, Expression, parse_expression
 from klute_sim.datasets.trial_files.table import Table
 from klute_sim.errors import InputError, suggest
 
@@ -29,11 +29,14 @@ class ColumnMapping:
     """Line of the heading in text files; None if it is searched for."""
 
     def select(self, *, is_first: bool) -> dict[str, Sequence[Expression]]:
-        """Return the expressions for a file; channels without columns, such as a constant, belong to the first."""
+        """Return the expressions for a file; channels without columns, such as a constant, belong to the first.
+
+        The number of the row is no column, and every file may have its time by it.
+        """
         return {
             channel: alternatives
             for channel, alternatives in self.expressions.items()
-            if alternatives[0].columns or is_first or channel == TIME_COLUMN
+            if {*alternatives[0].columns} - {ROW} or is_first or channel == TIME_COLUMN
         }
 
     def describe_source(self, name: str, unit: str) -> str:
