@@ -19,6 +19,7 @@ HEAD = 'format = "klute-sim-dataset/2"\nrig = "mjcf"\ndevice = "klute-3-4-pair"\
 MODEL = 'model = "antagonist_joint"'
 TRIAL = '\n[[trial]]\nfiles = ["a.csv"]\n'
 VALID = HEAD + MODEL + CHANNELS + TRIAL
+OWN_DEVICE = '\n[devices.flexor]\n[devices.extensor]\ndevice = "klute-3-4-pair"\n'
 TIME = np.linspace(0.0, 1.0, 101)
 
 
@@ -152,6 +153,10 @@ def test_model_in_the_folder_belongs_to_the_digest(tmp_path: Path) -> None:
         (
             VALID + '[trial.initial]\nvelocity_elbow = "1 rad/s"\n',
             "did you mean 'velocity_joint'",
+        ),
+        (
+            HEAD + MODEL + CHANNELS + OWN_DEVICE + '[diameter]\ndevice = "10 mm"\ntrials = "20 mm"\n' + TRIAL,
+            "[diameter] scales the muscle of the dataset's device, but [devices.extensor] names a device with a muscle",
         ),
         (VALID + '[trial.device]\n"flexer/tendon.engagement_mm" = 6\n', "no device; did you mean 'flexor'"),
         (VALID + '[trial.initial]\nvelocity_joint = "90 deg"\n', "unit of the wrong kind; allowed: deg/s, rad/s"),

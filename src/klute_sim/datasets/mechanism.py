@@ -178,6 +178,12 @@ def _load_tendon_device(file: DatasetFile, tendon: str, folder: Path, shared: De
     base = shared
     if entry.device is not None:
         base = load_device(entry.device if entry.device in list_presets() else folder / entry.device)
+        if file.diameter is not None and base.spec.muscle is not None:
+            raise InputError(
+                f"{source}: [diameter] scales the muscle of the dataset's device, but [devices.{tendon}] names a "
+                "device with a muscle of its own; write device files for the diameters of the trials, and remove "
+                "[diameter]"
+            )
     return base.with_changes(entry.changes, f"{source}: [devices.{tendon}] changes")
 
 
