@@ -18,6 +18,8 @@ EXAMPLE_UNITS = {
 
 _UNIT_TOKEN = re.compile(r"[^\W\d_][^\W\d_]*|[\s*·⋅/.°^\d-]")
 """Names, numbers and operators that a unit may consist of."""
+_GRAD = re.compile(r"\bgrads?\b", re.IGNORECASE)
+"""A degree to some and a gon to others, while pint reads ``Grad`` as 1e9 rad."""
 _EXCESSIVE_POWER = re.compile(r"\d{2}|(\^|\*\*)[\s\d.-]*(\^|\*\*)")
 """Powers that occur in no unit and take too long to evaluate."""
 
@@ -34,9 +36,9 @@ def get_si_factor(unit: str, si_unit: str) -> float | None:
     """Return the factor from ``unit`` to ``si_unit``; None where ``unit`` is not a unit of the same dimension.
 
     Base units are compared, so a percentage is not an angle although both are dimensionless. A unit with an offset,
-    such as a temperature, has no factor.
+    such as a temperature, has no factor, nor has ``grad``.
     """
-    if not _is_readable(unit):
+    if not _is_readable(unit) or _GRAD.search(unit):
         return None
     registry = _get_registry()
     try:
@@ -52,6 +54,8 @@ def get_si_factor(unit: str, si_unit: str) -> float | None:
 def describe_wrong_unit(unit: str, si_unit: str) -> str:
     """Return what is wrong with ``unit``, which has no factor to ``si_unit``, and what is allowed, for a message."""
     allowed = f"allowed: {EXAMPLE_UNITS[si_unit]} and other units of that kind"
+    if _GRAD.search(unit) and si_unit in ("rad", "rad/s"):
+        return f"the ambiguous unit '{unit}'; did you mean '{_GRAD.sub('deg', unit)}'? A{allowed[1:]}"
     if _is_known(unit):
         return f"a unit of the wrong kind; {allowed}"
     if get_si_factor(unit.lower(), si_unit) is None:

@@ -95,6 +95,15 @@ def test_any_text_has_a_positive_factor_or_none(unit: str, si: str) -> None:
     assert factor is None or (isinstance(factor, float) and factor > 0)
 
 
+@pytest.mark.parametrize("unit", ["grad", "Grad", "grad/s"])
+def test_grad_is_refused(unit: str) -> None:
+    si_unit = "rad/s" if "/" in unit else "rad"
+    assert unit_conversion.get_si_factor(unit, si_unit) is None
+    sentence = unit_conversion.describe_wrong_unit(unit, si_unit)
+    assert sentence.startswith(f"the ambiguous unit '{unit}'; did you mean 'deg")
+    assert unit_conversion.get_si_factor("gon", "rad") == pytest.approx(np.pi / 200)
+
+
 def test_example_units_are_valid_and_cover_all_channels() -> None:
     for rig in channels.RIGS:
         assert set(channels.get_column_units(rig).values()) <= set(unit_conversion.EXAMPLE_UNITS)
