@@ -46,10 +46,10 @@ def test_example_of_declared_quantities_is_a_valid_dataset(tmp_path: Path) -> No
     for name in re.findall(r"\w+\.csv", text):
         write_trial(tmp_path / name, columns)
     dataset = load_dataset(tmp_path)
-    assert [trial.specimen for trial in dataset.trials] == ["A", "B"]
-    assert [trial.input_noise["length"] for trial in dataset.trials] == pytest.approx([5e-5, 2e-4])
+    assert [trial.specimen for trial in dataset.trials] == ["A", "A", "B"]
+    assert [trial.input_noise["length"] for trial in dataset.trials] == pytest.approx([5e-5, 2e-4, 2e-4])
     assert dataset.tolerance == pytest.approx({"force": 1.8, "pressure": 5e3})
-    assert [trial.limits["force"] for trial in dataset.trials] == [(-9.0, 1150.0), (-9.0, 1150.0)]
+    assert [trial.limits["force"] for trial in dataset.trials] == 3 * [(-9.0, 1150.0)]
 
 
 def test_fragment_for_a_logged_pressure_replaces_the_command(tmp_path: Path) -> None:
