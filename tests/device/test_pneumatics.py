@@ -10,7 +10,7 @@ from klute_sim.controllers import pressure as control
 from klute_sim.device.device import Device, load_device, parse_device
 from klute_sim.device.dynamics import DeviceParameters, DeviceState
 from klute_sim.device.energy.ledger import POWER_TERMS
-from klute_sim.device.equilibrium import compute_taut_state
+from klute_sim.device.equilibrium import compute_equilibrium_state, compute_taut_state
 from klute_sim.device.recorded_rollout import RolloutRecord, record_rollout
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.errors import InputError
@@ -331,3 +331,18 @@ def test_every_key_reaches_the_parameters() -> None:
     assert not pneumatic_step.is_ideal(supply)
     assert VALVE.spec.collect_assumptions().keys() >= {"valve.fill_dm3_per_s_bar", "tank.volume_l", "chamber.exponent"}
     assert not VALVE.spec.list_unsourced_keys()
+
+
+@pytest.mark.parametrize("leak", [1e-3, 0.1])
+def test_equilibrium_of_a_pulsed_valve_is_the_mean_of_its_rollout(leak: float) -> None:
+    """Pulses follow the error of the pressure, so a leak empties no muscle; the ripple shifts the mean a little."""
+    leaky = ("conductance_dm3_per_s_bar = 0.001", f"conductance_dm3_per_s_bar = {leak}")
+    p = edit_preset(PULSES, leaky).parameters
+    unit_length = 0.9 * p.muscle.resting_length + p.tendon.slack_length
+    equilibrium = compute_equilibrium_state(p, unit_length, 3e5)
+    count = 4000
+    record = record_rollout(p, np.full(count, unit_length), np.full(count, 3e5), STEP, initial_state=equilibrium)
+    held = record.pressure[count // 2 :]
+    assert equilibrium.pressure == pytest.approx(held.mean(), abs=0.02 * BAR + 0.5 * np.ptp(held))
+    assert equilibrium.length == pytest.approx(record.length[count // 2 :].mean(), abs=1e-3)
+    assert np.ptp(held) < 1.0 * BAR

@@ -329,7 +329,7 @@ def step_pressure(parameters: DeviceParameters, state: DeviceState, command: flo
     supply = apply_supply_effects(parameters, state.internal_state)
     effects, muscle = parameters.effects, parameters.muscle
     if dt >= EQUILIBRIUM_TIME_STEP:
-        supply = pneumatic_step.assume_full_tank(supply)
+        supply = pneumatics.assume_steady_supply(supply)
     target = command
     if supply.command_is_opening == 0.0:
         if effects[0] != 0.0:

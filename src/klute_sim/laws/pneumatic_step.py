@@ -29,7 +29,6 @@ from klute_sim.laws.pneumatics import (
     air_mass,
     has_regulator_upstream,
     regulate,
-    replace_supply_fields,
 )
 from klute_sim.laws.supply_valve import (
     FlowProblem,
@@ -124,24 +123,6 @@ def supply_pressure(supply: SupplyParameters, drawn_mass: float) -> float:
         return supply.max_pressure
     remaining = supply.tank_pressure - drawn_mass * AIR_GAS_CONSTANT * supply.temperature / supply.tank_volume
     return min(supply.max_pressure, max(remaining, 0.0))
-
-
-def assume_full_tank(supply: SupplyParameters) -> SupplyParameters:
-    """Return ``supply`` with a tank that stays full: in equilibrium, a leak has not emptied it."""
-    return replace_supply_fields(
-        supply,
-        supply.fill_conductance,
-        supply.fill_critical_ratio,
-        supply.exhaust_conductance,
-        supply.exhaust_critical_ratio,
-        supply.polytropic_exponent,
-        supply.leak_conductance,
-        math.inf if supply.tank_volume > 0.0 else 0.0,
-        supply.tank_pressure,
-        supply.regulator_time_constant,
-        supply.dead_volume,
-        supply.regulator_is_upstream,
-    )
 
 
 def tank_air_mass(supply: SupplyParameters, drawn_mass: float) -> float:

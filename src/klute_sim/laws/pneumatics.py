@@ -98,6 +98,36 @@ def replace_supply_fields(
     )
 
 
+def assume_steady_supply(supply: SupplyParameters) -> SupplyParameters:
+    """Return ``supply`` as it acts in equilibrium: a tank stays full, and a controlled on/off valve does not pulse.
+
+    A leak has not emptied the tank. Pulses whose width follows the error of the pressure hold, on average, the pressure
+    that a continuous opening does.
+    """
+    # numba does not compile NamedTuple._replace.
+    return SupplyParameters(
+        supply.max_pressure,
+        supply.max_pressure_rate,
+        supply.temperature,
+        supply.fill_conductance,
+        supply.fill_critical_ratio,
+        supply.exhaust_conductance,
+        supply.exhaust_critical_ratio,
+        supply.valve_gain,
+        supply.command_is_opening,
+        supply.pwm_period if supply.command_is_opening != 0.0 else 0.0,
+        supply.min_pulse,
+        supply.polytropic_exponent,
+        supply.thermal_time_constant,
+        supply.dead_volume,
+        supply.leak_conductance,
+        math.inf if supply.tank_volume > 0.0 else 0.0,
+        supply.tank_pressure,
+        supply.regulator_time_constant,
+        supply.regulator_is_upstream,
+    )
+
+
 def has_regulator_upstream(supply: SupplyParameters) -> bool:
     """Return whether a regulator feeds the muscle through a fixed restriction."""
     return supply.fill_conductance > 0.0 and supply.regulator_is_upstream != 0.0 and supply.command_is_opening == 0.0
