@@ -1,6 +1,7 @@
 """Effects of rubber, braid and oil against the energies and equations of their derivation."""
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,21 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
-from klute_sim.device.device import load_device
+from klute_sim.device.device import load_device, parse_device
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import EffectForm
 from klute_sim.effects.families import instrument, seal
 from klute_sim.effects.families.muscle import bladder_wall, braid_extensibility, braid_hysteresis
 from klute_sim.effects.smoothing import step_bouc_wen
+from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
 from klute_sim.laws.mckibben import MuscleParameters
 
 MUSCLES = [load_device(name).parameters.muscle for name in ("klute-1-1-4", "klute-3-4", "klute-1-2")]
+RUBBER_EFFECTS = [
+    ("thick_wall_bladder", "[effects.thick_wall_bladder]\nshare = 1.0\n"),
+    ("bladder_softening", "[effects.bladder_softening]\nshare = 0.3\nenergy_density_kpa = 10.0\n"),
+]
 RATIOS = (0.75, 0.85, 0.93, 0.99)
 
 
@@ -215,3 +221,15 @@ def test_quantized_reading_is_a_multiple_of_the_step() -> None:
     assert np.abs(reading - value).max() <= 0.125
     assert np.array_equal(np.round(reading / 0.25) * 0.25, reading)
     assert instrument.quantize(p(0.0), value, value) is value
+
+
+@pytest.mark.parametrize("change", [("bladder_radius_mm", "bladder = false\nbladder_radius_mm"), None])
+@pytest.mark.parametrize(("name", "content"), RUBBER_EFFECTS)
+def test_effect_on_rubber_that_is_absent_is_refused(name: str, content: str, change: tuple[str, str] | None) -> None:
+    """It would do nothing, also beside the effect ``bladder``, whose rubber it does not know."""
+    text = load_device("klute-1-1-4").content.decode()
+    parse_device(f"{text}\n{content}".encode(), "x")
+    text = text.replace(*change, 1) if change else re.sub(r"(c10_kpa|c01_kpa) = .*", r"\1 = 0.0", text)
+    with pytest.raises(InputError, match=rf"\[effects.{name}\] changes the rubber of \[muscle\], which has none"):
+        parse_device(f"{text}\n{content}".encode(), "x")
+    assert not parse_device(text.encode(), "x").spec.can_add_effect(catalogue.get_effects()[name])

@@ -137,6 +137,8 @@ SECTION_OF_EFFECT = {
     "supply_droop": "tank",
 }
 """Effect of an ideal regulator -> section that describes the same cause."""
+EFFECTS_OF_RUBBER = ("thick_wall_bladder", "bladder_softening")
+"""Effects on the rubber of the muscle's section, not on that of another effect."""
 
 
 class DeviceSpec(DeviceFileSection):
@@ -251,6 +253,11 @@ class DeviceSpec(DeviceFileSection):
         takes_openings = self.valve is not None and self.valve.command == "opening"
         if effect_name in ("regulator_error", "unknown_pressure") and takes_openings:
             return f"[effects.{effect_name}] needs pressure commands, but this [valve] has command = 'opening'"
+        if effect_name in EFFECTS_OF_RUBBER and self.muscle is not None and not self.muscle.has_rubber:
+            return (
+                f"[effects.{effect_name}] changes the rubber of [muscle], which has none: bladder is false, or c10_kpa "
+                "and c01_kpa are 0"
+            )
         return ""
 
     def list_sections(self) -> list[str]:

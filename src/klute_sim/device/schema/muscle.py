@@ -81,6 +81,11 @@ class Muscle(DeviceFileSection):
             )
         return self
 
+    @property
+    def has_rubber(self) -> bool:
+        """Whether the rubber of the bladder resists its deformation."""
+        return self.bladder and (self.c10_kpa > 0.0 or self.c01_kpa > 0.0)
+
     def to_parameters(self) -> MuscleParameters:
         """Return the parameters of the law in SI units."""
         length = self.get_si("resting_length_mm")
