@@ -104,6 +104,26 @@ def test_second_order_lag_follows_the_command_where_its_time_constant_is_zero() 
     assert np.array_equal(trace.pressure, BASE.pressure)
 
 
+@pytest.mark.parametrize(
+    ("effect", "parameters", "expected"),
+    [
+        ("regulator_error", {"form": "gain", "gain": 0.9}, 2.7),
+        ("regulator_error", {"form": "offset", "offset_bar": 0.2}, 3.2),
+        ("regulator_error", {"form": "gain", "gain": 1.3}, 3.9),
+        ("unknown_pressure", {"offset_bar": 0.1, "command_bar": 0.5, "lag_s": 0.1}, 3.4),
+        ("pressure_lag", {"time_constant_s": 0.1}, 3.0),
+    ],
+)
+def test_rollout_starts_at_the_pressure_that_the_regulator_holds(
+    effect: str, parameters: dict[str, float | str], expected: float
+) -> None:
+    device = load_with_effects({effect: parameters}).parameters
+    trace = simulate_rollouts(device, np.full(20, 0.338), np.full(20, 3e5), STEP)
+    assert trace.pressure == pytest.approx(np.full(20, expected * BAR), abs=1e-3)
+    full = device.supply.max_pressure
+    assert compute_taut_state(device, 0.338, 1.2 * full).pressure <= full
+
+
 def test_choked_valve_fills_in_the_closed_form_time() -> None:
     """A clamped muscle, and sonic flow: the closed form of a constant volume."""
     bare = load_device("klute-3-4").parameters

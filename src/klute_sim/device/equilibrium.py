@@ -6,6 +6,7 @@ from klute_sim.device.dynamics import (
     DeviceState,
     apply_supply_effects,
     compute_pressure,
+    effect_chain,
     get_gas_state,
     replace_gas_state,
     solve_length,
@@ -16,21 +17,33 @@ from klute_sim.effects.smoothing import EQUILIBRIUM_TIME_STEP
 from klute_sim.laws import mckibben, pneumatic_step
 
 
-def compute_taut_state(parameters: DeviceParameters, unit_length: float, pressure: float) -> DeviceState:
+def compute_taut_state(parameters: DeviceParameters, unit_length: float, command: float) -> DeviceState:
     """Return the state in which the tendon is just taut at unit length ``unit_length`` [m], within the muscle's range.
 
-    The gauge ``pressure`` [Pa] is clipped to the range of the supply. A muscle whose commands are valve openings is
-    vented. All internal states are in equilibrium, and a tank is full.
+    The muscle has the pressure that a regulator holds under the pressure ``command`` [Pa]. A muscle whose commands are
+    valve openings is vented. All internal states are in equilibrium, and a tank is full.
     """
     shortest, longest = mckibben.lock_length(parameters.muscle), parameters.muscle.resting_length
     length = min(max(unit_length - parameters.tendon.slack_length, shortest), longest)
-    supply = apply_supply_effects(parameters, ZERO_INTERNAL_STATE)
-    pressure = (
-        min(max(pressure, 0.0), pneumatic_step.supply_pressure(supply, 0.0))
-        if supply.command_is_opening == 0.0
-        else 0.0
-    )
+    pressure = _compute_regulated_pressure(parameters, command)
     return DeviceState(pressure, length, _compute_steady_internal_state(parameters, pressure, length, unit_length))
+
+
+def _compute_regulated_pressure(parameters: DeviceParameters, command: float) -> float:
+    """Return the pressure [Pa] of a regulator with a full tank after a long time under ``command`` [Pa].
+
+    The errors of the regulator shift it, within the range of the supply; it is 0 where commands are openings.
+    """
+    supply, effects = apply_supply_effects(parameters, ZERO_INTERNAL_STATE), parameters.effects
+    if supply.command_is_opening != 0.0:
+        return 0.0
+    target = command
+    if effects[0] != 0.0:
+        target = effect_chain.pressure_target(effects, ZERO_INTERNAL_STATE, target)
+    target = min(max(target, 0.0), supply.max_pressure)
+    if effects[0] != 0.0:
+        target = effect_chain.pressure_reached(effects, ZERO_INTERNAL_STATE, target, target, EQUILIBRIUM_TIME_STEP)
+    return min(max(target, 0.0), pneumatic_step.supply_pressure(supply, 0.0))
 
 
 def _compute_steady_internal_state(
