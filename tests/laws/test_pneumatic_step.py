@@ -243,6 +243,27 @@ def test_ideal_pilot_stage_reaches_and_holds_the_target() -> None:
     assert down.min() == 1e5 == down[-1]
 
 
+@pytest.mark.parametrize("command", [1e5, 2.9e5, 3e5, 4.5e5])
+@pytest.mark.parametrize("leak", [0.0, 1e-10, 1e-8, 1e-6])
+def test_pilot_stage_adds_no_more_air_to_a_leak_than_its_valve_passes(leak: float, command: float) -> None:
+    """The rate limits the valve, not the fall that a leak causes: missing air would look like supplied air."""
+    supply = VALVE._replace(valve_gain=0.0, max_pressure_rate=2e6, leak_conductance=leak)
+    pressure, gas, dt = 3e5, pneumatic_step.equilibrium_gas(supply, 3e5, VOLUME, VOLUME), 1e-3
+    for _ in range(200):
+        air = pneumatic_step.charge(supply, gas, pressure, command, VOLUME, VOLUME, dt)
+        if air.valve_mass > 0.0:
+            capacity = supply_valve.valve_flow(supply, 5e5, 0.0, air.pressure, 1.0, 293.15) * dt
+        else:
+            capacity = -supply_valve.valve_flow(supply, 5e5, 0.0, air.pressure, -1.0, 293.15) * dt
+        assert abs(air.valve_mass) <= capacity * (1.0 + 1e-6) + 1e-15
+        pressure = pneumatic_step.pressure_after_motion(air, VOLUME)
+        gas = pneumatic_step.update_gas(supply, gas, air, pressure, VOLUME, VOLUME)
+    if leak == 1e-6:
+        assert pressure < 1e4  # burst
+    elif leak <= 1e-10:
+        assert pressure == pytest.approx(command, abs=1e-6)
+
+
 def test_slow_regulator_lags_behind_the_volume() -> None:
     supply = IDEAL._replace(regulator_time_constant=0.05, polytropic_exponent=1.2)
     dt = 1e-4

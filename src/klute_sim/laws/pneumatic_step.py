@@ -32,6 +32,7 @@ from klute_sim.laws.pneumatics import (
 )
 from klute_sim.laws.supply_valve import (
     FlowProblem,
+    fix_opening,
     leak_flow,
     limit_inflow,
     limit_outflow,
@@ -248,16 +249,21 @@ def _charge_by_valve(
         dt=dt,
         max_inflow=math.inf,
     )
+    is_controlled = supply.valve_gain == 0.0 and supply.command_is_opening == 0.0 and supply.pwm_period == 0.0
+    has_pilot, leaked_to = is_controlled and not is_regulated, pressure
+    if has_pilot and supply.leak_conductance > 0.0:
+        leaked_to = solve_pressure(supply, fix_opening(problem, 0.0))
+        opening = valve_opening(supply, leaked_to, target)
+        problem = fix_opening(problem, opening)
     is_closed = opening_is_fixed and opening == 0.0
     after = pressure
     if not is_closed or supply.leak_conductance > 0.0:
         after = solve_pressure(supply, problem)
-    has_pilot = supply.valve_gain == 0.0 and supply.command_is_opening == 0.0 and supply.pwm_period == 0.0
-    if has_pilot and not is_regulated:
-        # An ideal pilot stage closes the valve at the target.
-        after = min(after, max(target, pressure)) if opening >= 0.0 else max(after, target)
+    if has_pilot:
+        # An ideal pilot stage closes the valve at the target; its rate limits what the valve adds to the leak.
+        after = min(after, max(target, leaked_to)) if opening >= 0.0 else max(after, target)
         max_change = supply.max_pressure_rate * dt
-        after = min(max(after, pressure - max_change), pressure + max_change)
+        after = min(max(after, leaked_to - max_change), leaked_to + max_change)
     leaked, through = split_flow(supply, problem, after)
     # Above room pressure all inflow comes from the supply, also while a pilot stage compensates a leak.
     # A regulator at room pressure lets in air from the room.

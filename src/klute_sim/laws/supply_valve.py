@@ -128,6 +128,24 @@ class FlowProblem(NamedTuple):
     """Largest mass that the valve can let in [kg]."""
 
 
+def fix_opening(problem: FlowProblem, opening: float) -> FlowProblem:
+    """Return ``problem`` with a valve that keeps ``opening``, -1 to 1."""
+    # numba does not compile NamedTuple._replace.
+    return FlowProblem(
+        problem.initial_pressure,
+        problem.source_pressure,
+        problem.sink_pressure,
+        problem.target_pressure,
+        opening,
+        True,
+        problem.gas_temperature,
+        problem.pressure_per_inflow,
+        problem.pressure_per_outflow,
+        problem.dt,
+        problem.max_inflow,
+    )
+
+
 def limit_inflow(problem: FlowProblem, max_inflow: float) -> FlowProblem:
     """Return ``problem`` with at most ``max_inflow`` [kg] through the valve."""
     # numba does not compile NamedTuple._replace.
