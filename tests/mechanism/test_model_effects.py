@@ -18,7 +18,7 @@ from klute_sim.errors import InputError
 from klute_sim.laws.joint import BristleFriction, bristle_level, bristle_stiffness
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.mechanism.simulate import simulate_mechanism
-from klute_sim.plant.callbacks import compile_model
+from klute_sim.plant.callbacks import compile_model, device_callbacks, step_model
 from klute_sim.plant.joint_friction import compute_friction_force, compute_stretch_rate, pack_friction
 from klute_sim.plant.mjcf.model_effects import ModelEffect, apply_model_effects, list_parts, read_joint
 from klute_sim.plant.mjcf.model_file import load_model_file
@@ -40,6 +40,8 @@ SLIDING = {
     "numbers": {},
     "inputs": {"pressure_command_muscle": 2e5 + SWING},
 }
+HEAVY = 0.0
+"""Inverse inertia [1/(kg m2)] of a joint that is so heavy that no bristle is too stiff for it."""
 PARTS = {"hinge joint": "joint", "slide joint": "guide", "pulley": "pulley", "rig": None}
 
 
@@ -130,8 +132,8 @@ def test_bristle_is_passive(velocities: list[float], moment: float, excess: floa
     dt, stretch, work = 1e-5, 0.0, 0.0
     for velocity in velocities:
         for _ in range(20):
-            rate = compute_stretch_rate(row, stretch, velocity, dt)
-            force = compute_friction_force(row, stretch, rate, velocity, dt)
+            rate = compute_stretch_rate(row, stretch, velocity, HEAVY, dt)
+            force = compute_friction_force(row, stretch, rate, velocity, HEAVY, dt)
             assert abs(force) <= 3.0 * bristle_level(friction, 0.0) * (1.0 + 1e-9)
             work -= force * velocity * dt
             stretch += rate * dt
@@ -146,8 +148,8 @@ def test_bristle_is_a_spring_first_and_slides_at_its_level() -> None:
     def push(velocity: float, distance: float) -> float:
         stretch, force, dt = 0.0, 0.0, distance / velocity / 1000.0
         for _ in range(1000):
-            rate = compute_stretch_rate(row, stretch, velocity, dt)
-            force = compute_friction_force(row, stretch, rate, velocity, dt)
+            rate = compute_stretch_rate(row, stretch, velocity, HEAVY, dt)
+            force = compute_friction_force(row, stretch, rate, velocity, HEAVY, dt)
             stretch += rate * dt
         return -force
 
@@ -155,6 +157,31 @@ def test_bristle_is_a_spring_first_and_slides_at_its_level() -> None:
     assert push(1e-3, small) == pytest.approx(bristle_stiffness(friction) * small, rel=0.03)
     assert push(0.01, 1.0) == pytest.approx(0.5 * (1.0 + math.exp(-0.01)), rel=1e-3)  # slow: nearly twice as much
     assert push(1.0, 2.0) == pytest.approx(0.5, rel=1e-3)
+
+
+@pytest.mark.parametrize("form", ["presliding", "stribeck"])
+@pytest.mark.parametrize(("force", "presliding", "mass", "dt"), [(200.0, 0.1, 2.0, 2e-3), (1000.0, 0.05, 5.0, 5e-4)])
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+def test_friction_holds_a_smaller_load_at_any_stiffness(
+    force: float, presliding: float, mass: float, dt: float, form: str, backend: str
+) -> None:
+    spec = mujoco.MjSpec.from_string(
+        f"""<mujoco><option gravity="0 0 -9.81" timestep="{dt}"/><worldbody><body><joint name="guide" type="slide"
+        axis="1 0 0"/><geom size="0.1" mass="{mass}"/></body></worldbody></mujoco>"""
+    )
+    shape = {
+        "presliding": (("presliding_mm", presliding),),
+        "stribeck": (("static_excess", 0.5), ("stribeck_velocity_mm_per_s", 10.0)),
+    }[form]
+    apply_model_effects(spec, [ModelEffect("guide_friction", form, (("force_n", force), *shape), "guide")])
+    model = compile_model(spec)
+    data = mujoco.MjData(model)
+    data.qfrc_applied[0] = 0.1 * force
+    with device_callbacks(backend):
+        step_model(model, data, round(2.0 / dt))
+    yielding = force * (dt * dt + 2e-3 * dt) / mass  # m, more than the presliding displacement
+    assert 0.1 * yielding < data.qpos[0] < 0.3 * yielding
+    assert abs(data.qvel[0]) < 1e-4
 
 
 def test_tilted_pendulum_hangs_along_gravity() -> None:

@@ -23,6 +23,12 @@ def get_friction_row(model: mujoco.MjModel, actuator: int) -> tuple[float, ...] 
     return None
 
 
+def get_inverse_inertia(model: mujoco.MjModel, actuator: int) -> float:
+    """Return the inverse inertia [1/(kg m2)] of the joint of ``actuator`` while all others are free."""
+    joint = model.actuator_trnid[actuator, 0]
+    return float(model.dof_invweight0[model.jnt_dofadr[joint]])
+
+
 def find_friction_rate(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float | None:
     """Return the rate of the state of the friction on ``actuator``; None without a friction."""
     row = get_friction_row(model, actuator)
@@ -30,7 +36,7 @@ def find_friction_rate(model: mujoco.MjModel, data: mujoco.MjData, actuator: int
         return None
     stretch = float(data.act[model.actuator_actadr[actuator]])
     velocity = float(data.actuator_velocity[model.actuator_outadr[actuator]])
-    return compute_stretch_rate(row, stretch, velocity, model.opt.timestep)
+    return compute_stretch_rate(row, stretch, velocity, get_inverse_inertia(model, actuator), model.opt.timestep)
 
 
 def find_friction_force(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float | None:
@@ -40,7 +46,9 @@ def find_friction_force(model: mujoco.MjModel, data: mujoco.MjData, actuator: in
         return None
     state = model.actuator_actadr[actuator]
     velocity = float(data.actuator_velocity[model.actuator_outadr[actuator]])
-    return compute_friction_force(row, float(data.act[state]), float(data.act_dot[state]), velocity, model.opt.timestep)
+    stretch, rate = float(data.act[state]), float(data.act_dot[state])
+    inverse_inertia = get_inverse_inertia(model, actuator)
+    return compute_friction_force(row, stretch, rate, velocity, inverse_inertia, model.opt.timestep)
 
 
 def release_friction(model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -24,7 +24,7 @@ PLACEHOLDER = -1
 """Value of an offset that is not filled in."""
 MODEL_SIZE = DATA_SIZE = PLACEHOLDER
 """Sizes of the used parts of mjModel and mjData [words]."""
-NUSER = USER = DYNTYPE = ACTNUM = ACTADR = OUTADR = CTRLADR = TIMESTEP = PLACEHOLDER
+NUSER = USER = DYNTYPE = ACTNUM = ACTADR = OUTADR = CTRLADR = TRNID = DOFADR = INVWEIGHT = TIMESTEP = PLACEHOLDER
 """Offsets in mjModel [words]."""
 ACT = ACT_DOT = CTRL = LENGTH = VELOCITY = TIME = PLACEHOLDER
 """Offsets in mjData [words]."""
@@ -82,13 +82,20 @@ def get_friction_row(words: Any, actuator: int) -> Any:
     return view_doubles(words, USER, 0, 0)
 
 
+def get_inverse_inertia(words: Any, actuator: int) -> Any:
+    """Return the inverse inertia [1/(kg m2)] of the actuator's joint while all others are free."""
+    joint = read_int(words, TRNID, 2 * actuator)
+    return view_doubles(words, INVWEIGHT, read_int(words, DOFADR, joint), 1)[0]
+
+
 def advance_friction(m: Any, d: Any, actuator: int, dt: float) -> Any:
     """Return the rate of the state of a joint's friction; 0 for an actuator without one."""
     row = get_friction_row(m, actuator)
     if row.size == 0:
         return 0.0
     stretch = view_doubles(d, ACT, read_int(m, ACTADR, actuator), 1)[0]
-    return compute_stretch_rate(row, stretch, view_doubles(d, VELOCITY, read_int(m, OUTADR, actuator), 1)[0], dt)
+    velocity = view_doubles(d, VELOCITY, read_int(m, OUTADR, actuator), 1)[0]
+    return compute_stretch_rate(row, stretch, velocity, get_inverse_inertia(m, actuator), dt)
 
 
 def apply_friction(m: Any, d: Any, actuator: int, dt: float) -> Any:
@@ -98,9 +105,8 @@ def apply_friction(m: Any, d: Any, actuator: int, dt: float) -> Any:
         return 0.0
     start = read_int(m, ACTADR, actuator)
     stretch, rate = view_doubles(d, ACT, start, 1)[0], view_doubles(d, ACT_DOT, start, 1)[0]
-    return compute_friction_force(
-        row, stretch, rate, view_doubles(d, VELOCITY, read_int(m, OUTADR, actuator), 1)[0], dt
-    )
+    velocity = view_doubles(d, VELOCITY, read_int(m, OUTADR, actuator), 1)[0]
+    return compute_friction_force(row, stretch, rate, velocity, get_inverse_inertia(m, actuator), dt)
 
 
 def read_internal_state(m: Any, d: Any, actuator: int) -> Any:

@@ -17,6 +17,9 @@ MODEL_POINTERS = (
     "actuator_actadr",
     "actuator_outadr",
     "actuator_ctrladr",
+    "actuator_trnid",
+    "jnt_dofadr",
+    "dof_invweight0",
     "name_actuatoradr",
 )
 """Array fields of mjModel that the callbacks use."""
