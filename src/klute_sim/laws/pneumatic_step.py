@@ -11,6 +11,10 @@ there (its outlet has no volume, assumed). Air flows from it while the muscle ha
 more: the regulator relieves that air into the room, and a tank does not get it back. A tank with less pressure than the
 muscle accepts none (a check valve, assumed).
 
+Whether a regulator's tank has less pressure than the muscle is decided at the start of a step. Under a command at or
+above the tank's pressure, steps with enclosed air and steps that fill it therefore alternate while the muscle moves: an
+error of first order in the time step, however large the tank is.
+
 Three limits keep the absolute pressure and every mass positive for any step; none of them acts unless a step would
 move more air than there is. A leak of a muscle on a regulator ends when muscle and room have equal pressures, and the
 regulator does not evacuate the muscle. No more of the muscle's air leaves than the muscle holds: what leaves beyond it
