@@ -12,12 +12,7 @@ import annotated_types
 from pydantic import BaseModel
 
 from klute_sim.device.device import Device
-from klute_sim.device.schema.document import (
-    SECTION_OF_EFFECT,
-    Damper,
-    Tendon,
-    parse_device_spec,
-)
+from klute_sim.device.schema.document import Damper, DeviceSpec, Tendon, parse_device_spec
 from klute_sim.device.schema.muscle import MIN_GAS_FRACTION, Muscle
 from klute_sim.device.schema.supply import Chamber, Leak, Line, Supply, Tank, Valve
 from klute_sim.effects import catalogue
@@ -122,16 +117,13 @@ def _draw_valve(rng: random.Random) -> dict[str, Any]:
     return content
 
 
-def _draw_effects(rng: random.Random, sections: dict[str, Any]) -> dict[str, dict[str, float | str]]:
+def _draw_effects(rng: random.Random, spec: DeviceSpec) -> dict[str, dict[str, float | str]]:
     effects: dict[str, dict[str, float | str]] = {}
     probability = rng.choice([0.0, 0.1, 0.3, 0.7, 1.0])
     for effect in catalogue.get_effects().values():
         if effect.kind != "device" or rng.random() >= probability:
             continue
-        is_pressure_effect = effect.name in ("regulator_error", "unknown_pressure")
-        if SECTION_OF_EFFECT.get(effect.name) in sections or (
-            is_pressure_effect and sections.get("valve", {}).get("command") == "opening"
-        ):
+        if spec.model_copy(update={"effects": effects}).find_incompatibility(effect.name):
             continue
         form = rng.choice(effect.forms)
         parameters = {
@@ -156,7 +148,8 @@ def draw_device(rng: random.Random) -> Device:
     for title, section in optional:
         if rng.random() < 0.55:
             sections[title] = draw_section(rng, section)
-    content = {"name": "random", **sections, "effects": _draw_effects(rng, sections)}
+    content = {"name": "random", **sections}
+    content["effects"] = _draw_effects(rng, parse_device_spec(content, "random device"))
     return Device.from_spec(parse_device_spec(content, "random device"), b"")
 
 

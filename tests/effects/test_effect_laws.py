@@ -24,6 +24,7 @@ from tests.effects.devices import (
     TIME,
     VALVE_FED,
     activate,
+    load_with_effects,
     parameters_of,
     run,
 )
