@@ -257,7 +257,7 @@ def test_protocols_run_where_they_apply(tmp_path: Path) -> None:
 def test_documented_foot_alone_is_a_valid_dataset(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "devices.md").read_text("utf-8")
     blocks = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
-    (foot,), (dataset,) = ([b for b in blocks if word in b] for word in ("foot on a press", "format = "))
+    (foot,), (dataset,) = ([b for b in blocks if word in b] for word in ("foot on a press", 'device = "foot.toml"'))
     (tmp_path / "foot.toml").write_text(foot, "utf-8")
     (tmp_path / "dataset.toml").write_text(dataset, "utf-8")
     compression = 1e3 * move(0.005, 0.005)
@@ -267,6 +267,26 @@ def test_documented_foot_alone_is_a_valid_dataset(tmp_path: Path) -> None:
     for trial in load_dataset(tmp_path).trials:
         length, force = trial.prescribed["length"].value, trial.measured["force"].value
         assert pull(trial.device, length) == pytest.approx(force, abs=1e-6)
+
+
+def test_documented_cylinder_alone_is_a_valid_dataset(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "devices.md").read_text("utf-8")
+    blocks = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    words = ("cylinder on a tester", 'device = "cylinder.toml"')
+    (cylinder,), (dataset,) = ([b for b in blocks if word in b] for word in words)
+    (tmp_path / "cylinder.toml").write_text(cylinder, "utf-8")
+    (tmp_path / "dataset.toml").write_text(dataset, "utf-8")
+    time, friction = TIME_STEP * np.arange(1000), 12.0
+    stroke = 20.0 - 15.0 * np.cos(2.0 * np.pi * time / time[-1])  # inward at first: the press works against friction
+    pressure = 3.0 + 0.1 * np.sin(time)
+    load = 51.9 * pressure + friction * np.sign(np.gradient(stroke))
+    columns = {"time [s]": time, "stroke [mm]": stroke, "pressure [bar]": pressure, "load [N]": load}
+    for number in (1, 2):
+        write_trial(tmp_path / f"strokes_{number}.csv", columns)
+    for trial in load_dataset(tmp_path).trials:
+        length, force = trial.prescribed["length"].value, trial.measured["force"].value
+        is_moving = np.abs(np.gradient(length)) > 5e-6
+        assert force[is_moving] == pytest.approx(pull(trial.device, length)[is_moving], abs=0.5)
 
 
 @pytest.mark.parametrize(("sections", "part"), [((CYLINDER, DAMPER), "damper"), ((CYLINDER, SEAL), "cylinder")])
