@@ -49,8 +49,8 @@ ROOT = HERE.parents[2]
 BENCH_BLOCKS = tuple(block for block in BLOCK_SIZES if block not in (*GAIT_BLOCKS, *JOINT_BLOCKS, ADVERSARY_BLOCK))
 """Blocks that are released: those of the test bench with the physics of the program."""
 N_DECOYS = 3
-"""Datasets on which the names of one hidden effect are withheld although they are not hidden there: so many that
-`unexplained` on every such dataset is no better than `nothing-missing`, because a third of them hides nothing."""
+"""Datasets on which the names of one hidden effect are withheld although they are not hidden there. A third of these
+datasets hides nothing, so `unexplained` on every withheld dataset is no better than `nothing-missing`."""
 SCORER_FILES = tuple(
     f"benchmarks/hidden_effects/{name}.py" for name in ("catalogue", "score", "release/answers", "release/scorer")
 )
