@@ -25,7 +25,7 @@ from klute_sim.diagnosis.selection.robustness import (
     EquivalentModel,
     find_equivalent_models,
     refine_and_simplify,
-    settle_model,
+    select_final_fit,
 )
 from tests.diagnosis.synthetic_dataset import make_repeats
 
@@ -151,7 +151,7 @@ def test_model_that_leaves_a_misfit_replaces_none_that_reaches_the_noise(
     monkeypatch.setattr(robustness, "refine_and_simplify", lambda search, fit, rng: (fit, True))
     monkeypatch.setattr(robustness, "find_smaller_model", lambda *_: other if is_smaller else None)
     monkeypatch.setattr(robustness, "find_equivalent_models", find_models)
-    fit, _, _ = settle_model(ForwardSelection(data, [], []), best, 0, lambda *_: None)
+    fit, _, _ = select_final_fit(ForwardSelection(data, [], []), best, 0, lambda *_: None)
     assert fit is (best if has_misfit else other)
 
 
@@ -168,7 +168,7 @@ def test_better_model_among_the_equivalents_of_an_equivalent_one_is_found(
     monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
     monkeypatch.setattr(robustness, "refine_and_simplify", lambda search, fit, rng: (fit, True))
     monkeypatch.setattr(robustness, "find_equivalent_models", find_models)
-    fit, _, (rival,) = settle_model(ForwardSelection(data, [], []), chain[0], 0, lambda *_: None)
+    fit, _, (rival,) = select_final_fit(ForwardSelection(data, [], []), chain[0], 0, lambda *_: None)
     assert (fit, rival.fit) == (chain[2], chain[1])
 
 

@@ -33,7 +33,7 @@ from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelecti
 from klute_sim.diagnosis.selection.robustness import (
     EquivalentModel,
     check_convergence,
-    settle_model,
+    select_final_fit,
 )
 from klute_sim.types import ProgressCallback
 
@@ -71,7 +71,7 @@ def select_adequate_model(
     data_driven_model = find_data_driven_rival(search, base_fit, final_fit, options.exclude)
     if data_driven_model is not None and data_driven_model.difference < -compute_decisive_threshold(search):
         return _refuse_names(search, base_fit, final_fit, data_driven_model, options)
-    final_fit, has_converged, equivalent_models = settle_model(search, final_fit, options.seed, progress)
+    final_fit, has_converged, equivalent_models = select_final_fit(search, final_fit, options.seed, progress)
     data_driven_model = find_data_driven_rival(search, base_fit, final_fit, options.exclude)
     if data_driven_model is not None and data_driven_model.difference < -compute_refusal_threshold(search):
         return _refuse_names(search, base_fit, final_fit, data_driven_model, options)

@@ -40,7 +40,7 @@ class EquivalentModel(NamedTuple):
     fit."""
 
 
-def settle_model(
+def select_final_fit(
     search: ForwardSelection, best_fit: Fit, seed: int, progress: ProgressCallback
 ) -> tuple[Fit, bool, list[EquivalentModel]]:
     """Return the refined model that ``best_fit`` ends with, whether it has converged, and its equivalents, best first.
