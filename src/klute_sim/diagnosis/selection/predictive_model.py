@@ -28,8 +28,8 @@ simulated laws with known errors, the best wrong term beside the true one took 0
 of measured muscles take 0.33 beside a passive tension)."""
 MIN_FAULT_SHARE = 0.5
 """The same share of a further term that is a wrong number or a fault of an instrument (assumed: unlike an effect, it
-contradicts what was measured or calibrated. In six benchmark datasets with three wrong ones, they took 0.31 to 0.52
-beside the true or an imitating effect)."""
+contradicts what was measured or calibrated. In three recorded benchmark verdicts such a term took 0.31, 0.32 and 0.52
+beside an effect, and was wrong each time)."""
 MIN_STABILITY = 0.8
 """Fraction of the selections without one fold in which an effect must be chosen again."""
 
