@@ -240,11 +240,6 @@ class Experiment(ABC):
         return {}
 
     @property
-    def has_free_joints(self) -> bool:
-        """Whether forces move a joint of a mechanism, whose motion is therefore not prescribed."""
-        return False
-
-    @property
     def preparation_variants(self) -> "tuple[Experiment, ...]":
         """The same trial under equally valid preparations of its inputs; empty where inputs need no preparation."""
         return ()

@@ -142,11 +142,6 @@ class MechanismExperiment(Experiment):
         positions = [n for n, b in self.outputs.items() if b.channel.quantity in MOTION_QUANTITIES]
         return {**parts, "position channel": positions}
 
-    @property
-    def has_free_joints(self) -> bool:
-        """Whether the motion of some joint is not prescribed."""
-        return len(self.mechanism.spec.joints) > len(self.mechanism.driven_joints)
-
     @cached_property
     def joint_kinds(self) -> Mapping[str, str]:
         """Joint that is not driven -> kind of part; empty unless the position of every such joint is measured."""

@@ -22,8 +22,7 @@ SUPPLY_PROBES = 3.0, 30.0
 """Sizes, over the typical one, at which effects are probed as well where only the pressure was measured (assumed: a
 needle valve that fills a thin muscle in seconds resists thirty times as much as the typical valve of a pair)."""
 MAX_SMALL_EFFECT, MIN_SMALL_PROBE = 0.5 * PROBE_FRACTION, 0.01
-"""Predicted size below which an effect on a mechanism with free joints is probed again at this size, and the smallest
-size of such a probe (assumed)."""
+"""Predicted size below which an effect is probed again at this size, and the smallest size of that probe (assumed)."""
 PRIOR_DEVIATION_SIGMAS = 1.5
 """Deviation of a device's number from its prior [standard deviations] above which effects are also probed there."""
 MIN_PRIOR_GAIN_FRACTION, MAX_PRIOR_CANDIDATES = 0.5, 3
@@ -70,10 +69,10 @@ def screen_candidates(
     ``report_divergence`` receives each term with which a simulation diverges; it is no candidate.
 
     The fitted parameters imitate an effect in linear approximation only. An effect that they imitate for the most part
-    is probed again at its typical size, with the fitted parameters shifted accordingly. Where forces move a joint, a
-    friction that stops it tells nothing of a small one, so effects that are predicted to be small are probed again at
-    that size. Where numbers of the device deviate far from their priors, the missing effect may be the reason, so
-    effects are also probed at the priors.
+    is probed again at its typical size, with the fitted parameters shifted accordingly. A friction that stops a joint
+    tells nothing of a small one, and a threshold above the pressure nothing of a low one, so effects that are predicted
+    to be small are probed again at that size. Where numbers of the device deviate far from their priors, the missing
+    effect may be the reason, so effects are also probed at the priors.
     """
     n_known, n_device = len(current.x), current.hypothesis.n_prior_parameters
     current_point = _LinearizationPoint(current.x, current.weighted_residuals, current.jacobian)
@@ -90,9 +89,7 @@ def screen_candidates(
             size = math.copysign(1.0, candidate.size)
             shift = -size * _solve_least_squares(current.jacobian, candidate.sensitivity)
             full_size_probes.append((candidate.term, size, shift))
-    more_probes = full_size_probes
-    if data.experiments[0].has_free_joints:
-        more_probes = [*more_probes, *_list_small_probes(candidates, current_point)]
+    more_probes = [*full_size_probes, *_list_small_probes(candidates, current_point)]
     if more_probes:
         candidates += _evaluate_probes(data, current.hypothesis, current_point, more_probes)
     if np.abs(current.x[:n_device]).max(initial=0.0) > PRIOR_DEVIATION_SIGMAS:
