@@ -53,6 +53,9 @@ def write(path: Path, headings: Sequence[str], columns: Sequence[np.ndarray]) ->
         ("Verkürzung [mm]", "length", "mm"),
         ("Solldruck [bar]", "pressure_command", "bar"),
         ("run.pset", "pressure_command", ""),
+        ("Contraction/%", "length", "%"),
+        ("Strain in %", "length", "%"),
+        ("elongation_%", "length", "%"),
     ],
 )
 def test_words_and_units_name_a_channel(heading: str, channel: str, unit: str) -> None:
@@ -78,7 +81,10 @@ def test_reading_without_calibration_is_that_of_a_channel(heading: str, channel:
     assert (meaning.channel, meaning.unit, meaning.is_raw) == (channel, "", True)
 
 
-@pytest.mark.parametrize("heading", ["AIN3 [V]", "angle [deg]", "note", "force setpoint [N]", "position cmd [mm]", ""])
+@pytest.mark.parametrize(
+    "heading",
+    ["AIN3 [V]", "angle [deg]", "note", "force setpoint [N]", "position cmd [mm]", "Tensile stress (MPa)", "d/%", ""],
+)
 def test_other_columns_are_no_channel(heading: str) -> None:
     assert interpret_heading(heading) is None
 
@@ -126,6 +132,12 @@ def test_filtered_column_comes_after_the_measured_one() -> None:
     assert short is not None
     assert long is not None
     assert short.rank < long.rank
+
+
+def test_pressure_before_the_valve_comes_after_that_of_the_muscle(tmp_path: Path) -> None:
+    headings = ["Time (s)", "Length (mm)", "Supply Pressure (psi)", "Muscle Pressure (psi)", "Load (N)"]
+    write(tmp_path / "a.csv", headings, [TIME, LENGTH, np.full_like(TIME, 90.0), 14.5 * COMMAND, FORCE])
+    assert 'pressure_command = "`Muscle Pressure (psi)` [psi]"' in ks.draft_dataset(tmp_path, DEVICE).text
 
 
 def test_draft_of_foreign_files_is_a_dataset(tmp_path: Path) -> None:

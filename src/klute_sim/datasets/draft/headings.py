@@ -13,8 +13,8 @@ PERCENT = "%"
 """Unit of an elongation or a contraction that is relative to the resting length."""
 _SI_UNITS = get_column_units("bench")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(\([ag]\))?[^()]*)\))\s*")
-_SEPARATED = re.compile(r"(?P<name>.*?\S)(?P<separator>\s*/\s*|\s+in\s+|[\s_]+)(?P<unit>[^\W\d_]+)", re.IGNORECASE)
-"""``p / bar``, ``force in N``, ``pressure_bar``."""
+_SEPARATED = re.compile(r"(?P<name>.*?\S)(?P<separator>\s*/\s*|\s+in\s+|[\s_]+)(?P<unit>[^\W\d_]+|%)", re.IGNORECASE)
+"""``p / bar``, ``force in N``, ``pressure_bar``, ``contraction / %``."""
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
 _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
@@ -70,6 +70,10 @@ _PROCESSED = frozenset(
 )
 """Words of columns that come after others of the same channel."""
 _ABSOLUTE = frozenset(("abs", "absolute"))
+_UPSTREAM = frozenset(("supply", "line", "tank", "reservoir", "compressor", "source", "upstream", "versorgung"))
+"""Words of a pressure that is not yet that of the muscle; such a column comes after others."""
+_NO_PRESSURE = frozenset(("stress", "modulus", "zugspannung"))
+"""Words of quantities with the unit of a pressure, which testing machines compute."""
 
 _START = r"(?:(?<![A-Za-z])|(?<=[a-z])(?=[A-Z])|(?=[A-Z][a-z]))"
 _END = r"(?:(?![A-Za-z])|(?<=[a-z])(?=[A-Z])|(?=[A-Z][a-z]))"
@@ -116,7 +120,8 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     channel = _find_channel(name, tokens, unit)
     if channel is None or (is_raw and channel == "time"):
         return None
-    is_other = 2 * len(tokens & _PROCESSED) + (not tokens & _get_words(channel)) + (not unit)
+    is_upstream = channel == "pressure" and bool(tokens & _UPSTREAM)
+    is_other = 2 * len(tokens & _PROCESSED) + is_upstream + (not tokens & _get_words(channel)) + (not unit)
     rank = 0 if name.lower() == channel else MAX_HEADING_LENGTH * is_other + len(tokens)
     is_absolute = channel in ("pressure", "pressure_command") and (
         bool(pressure_unit and pressure_unit["absolute"]) or bool(tokens & _ABSOLUTE)
@@ -153,7 +158,7 @@ def _split_unit(heading: str) -> tuple[str, str]:
     if not match["separator"].strip(" _"):  # what follows may be a word: pressure_in, F_m
         channel = _find_channel(match["name"], _split_words(match["name"]), "")
         kind = kind if channel is None or kind == _SI_UNITS[channel] else None
-    return (match["name"], match["unit"]) if kind or key in _RAW_UNITS else (heading, "")
+    return (match["name"], match["unit"]) if kind or key in _RAW_UNITS or key == PERCENT else (heading, "")
 
 
 def _get_si_unit(unit: str) -> str | None:
@@ -173,6 +178,8 @@ def _find_channel(name: str, tokens: set[str], unit: str) -> str | None:
     is_command = bool(tokens & _COMMAND)
     if si_unit == "s" or (si_unit is None and tokens & _TIME):
         return "time" if tokens & _TIME or not tokens else None
+    if tokens & _NO_PRESSURE:
+        return None
     if si_unit == "Pa" or (si_unit is None and tokens & _PRESSURE):
         return "pressure_command" if is_command else "pressure"
     if si_unit == "N" or (si_unit is None and tokens & _FORCE):
