@@ -102,6 +102,24 @@ def test_slow_supply_alone_is_no_wrong_sampling_rate(tmp_path: Path, has_force: 
         load_dataset(tmp_path)
 
 
+@pytest.mark.parametrize("speed", [0.1, 10.0])
+def test_other_supply_of_a_muscle_without_damper_is_no_wrong_sampling_rate(tmp_path: Path, speed: float) -> None:
+    """Nothing in a bare muscle but its supply depends on time, so that its force tells no sampling rate either."""
+    device = load_device("klute-3-4")
+    real = device.with_changes({"supply.rate_bar_per_s": 20.0 * speed})
+    time = np.arange(0.0, 8.0, 0.005)
+    command = np.array([0.5, 3.5, 1.0, 4.5])[np.minimum(3, (time / 2.0).astype(int))]
+    length = np.full_like(time, 170.0)
+    response = simulate_rollouts(real.parameters, 1e-3 * length, 1e5 * command, 0.005)
+    columns = {"time [s]": time, "length [mm]": length, "pressure_command [bar]": command}
+    columns |= {"pressure [bar]": 1e-5 * response.pressure, "force [N]": response.tension}
+    write_trial(tmp_path / "steps.csv", columns)
+    device.with_changes({"supply.rate_bar_per_s": 20.0}).save(tmp_path / "muscle.toml")
+    head = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "muscle.toml"\n'
+    (tmp_path / "dataset.toml").write_text(head + '[[trial]]\nfiles = ["steps.csv"]\n')
+    assert load_dataset(tmp_path).accepted == ()
+
+
 def write_muscle_trial(folder: Path, resting_length: float, columns: dict[str, Array]) -> Path:
     write_trial(folder / "trial.csv", columns)
     (folder / "muscle.toml").write_text(TEN_MM.replace("= 200.0", f"= {resting_length}"), "utf-8")

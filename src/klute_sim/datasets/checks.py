@@ -1,6 +1,6 @@
 """Plausibility of the trials of a dataset: hands their channels and their devices to the checks."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -34,6 +34,9 @@ from klute_sim.types import Array
 
 MAX_CLOCK_ERROR = 0.01
 """Largest relative error of the interval between samples that clocks and rounded times have (assumed)."""
+
+SUPPLY_SPEEDS = "supply.rate_bar_per_s", "valve.fill_dm3_per_s_bar", "valve.exhaust_dm3_per_s_bar"
+"""Numbers to which the speed of a supply is proportional."""
 
 
 def find_implausible(
@@ -152,8 +155,25 @@ def _describe_trial(trial: Trial, content: TrialChannels, rig: ChannelSource) ->
         time_unit=(time_unit, unit_conversion.get_si_factor(time_unit, "s") or 1.0),
         group=trial.group,
         specimen=trial.specimen,
+        scale_supply=build_scaled_supply(trial.device),
         sources=content.sources,
     )
+
+
+def build_scaled_supply(device: Device) -> Callable[[float], Simulate] | None:
+    """Return a function that builds the simulation of ``device`` with a supply that is so many times as fast."""
+    if device.spec.supply is None:
+        return None
+    numbers = device.spec.collect_values()
+    names = [name for name in SUPPLY_SPEEDS if name in numbers]
+
+    def scale_supply(factor: float) -> Simulate:
+        try:
+            return build_simulation(device.with_changes({name: factor * numbers[name] for name in names}))
+        except KluteSimError:  # no device file may state this speed
+            return lambda dt, length, command: None
+
+    return scale_supply
 
 
 def compute_device_limits(device: Device) -> DeviceLimits:

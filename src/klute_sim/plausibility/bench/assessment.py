@@ -137,6 +137,11 @@ class Assessment:
         worst = max(agreement.misfit for agreement in corrected.values())
         is_candidate = not self.has_wrong_range or name.endswith("-exchanged")
         is_candidate &= name != EXCHANGED_PRESSURES or self.has_leading_pressure
+        min_misfit = max(min_ratio * after, MIN_DECREASE + after)
+        is_convincing = is_candidate and worst <= max_misfit and before >= min_misfit
+        if is_convincing and mistake.rival is not None:
+            rival = compare_trial(mistake.rival, simulate_trial(mistake.rival), has_constant_load=self.is_loaded)
+            is_convincing = combine_misfits(rival, mistake.evidence) >= min_misfit
         outcome = Outcome(
             before,
             after,
@@ -144,7 +149,7 @@ class Assessment:
             worst,
             # Units of one channel give equal courses: the right one gives the magnitude, too.
             sum(agreement.scale_error for agreement in corrected.values()),
-            is_candidate and worst <= max_misfit and before >= max(min_ratio * after, MIN_DECREASE + after),
+            is_convincing,
         )
         self._outcomes[mistake.key] = outcome
         return outcome

@@ -32,6 +32,8 @@ class Mistake(NamedTuple):
     """The trial without the mistake."""
     evidence: tuple[str, ...] = MEASURED
     """Measured channels that have to agree better without the mistake."""
+    rival: RecordedTrial | None = None
+    """The trial as it is with a device that may explain it as well; then the mistake is not confirmed."""
     label: str = ""
     """What distinguishes it from mistakes with findings of the same names, such as the unit."""
 
@@ -61,7 +63,8 @@ def list_mistakes(trial: RecordedTrial) -> Iterator[Mistake]:
 def _list_sampling_rates(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield sampling rates that are wrong by a power of ten; every velocity and every lag tells them.
 
-    Pressures alone do not: a hose or a needle valve may be ten times as slow as the supply of the device file.
+    The lag of the supply alone does not: a hose or a needle valve may be ten times as slow as the supply of the device
+    file, and then a muscle without a damper pulls as if all times were wrong.
     """
     if not trial.channels.keys() & {"force", "muscle_length"}:
         return
@@ -74,7 +77,8 @@ def _list_sampling_rates(trial: RecordedTrial) -> Iterator[Mistake]:
                 f"are multiplied by {factor:g}: the sampling rate that the times were computed with seems wrong"
             )
             finding = Finding("time-scale", trial.place, statement)
-            yield Mistake((finding,), trial.with_time_scale(factor), label=f"{factor:g}")
+            rival = trial.with_supply_speed(factor)
+            yield Mistake((finding,), trial.with_time_scale(factor), rival=rival, label=f"{factor:g}")
 
 
 def list_time_units(trial: RecordedTrial) -> Iterator[Mistake]:

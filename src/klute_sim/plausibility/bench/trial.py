@@ -118,6 +118,8 @@ class RecordedTrial:
     """Group of repeats."""
     specimen: str = ""
     """Specimen of the device; '' where none is named."""
+    scale_supply: Callable[[float], Simulate] | None = None
+    """Returns the simulation of the device with a supply that is so many times as fast; None without a supply."""
     sources: Mapping[str, str] = field(default_factory=dict)
     """Channel -> columns that it is read from, and its unit: a mistake in these concerns all trials that share them."""
 
@@ -150,6 +152,10 @@ class RecordedTrial:
         """Return the trial with all times multiplied by ``factor``."""
         channels = {name: channel._replace(time=channel.time * factor) for name, channel in self.channels.items()}
         return replace(self, channels=channels)
+
+    def with_supply_speed(self, factor: float) -> "RecordedTrial | None":
+        """Return the trial of a device whose supply is ``factor`` times as fast; None without a supply."""
+        return replace(self, simulate=self.scale_supply(factor)) if self.scale_supply else None
 
     def format_channel(self, channel: str) -> str:
         """Return the range of the samples of ``channel`` in the unit of its heading, without its outermost percent."""
