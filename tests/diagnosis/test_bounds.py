@@ -109,6 +109,25 @@ def test_final_fit_at_a_bound_takes_a_simpler_form_that_explains_the_data(
     assert has_converged
 
 
+@pytest.mark.parametrize(
+    ("number", "end", "is_obstacle"),
+    [
+        ("muscle.bladder_radius_mm", 1, False),  # the bladder fills its braid
+        ("muscle.bladder_thickness_mm", 0, True),
+        ("muscle.turns_per_m", 0, True),
+        ("muscle.turns_per_m", 1, True),
+    ],
+)
+def test_number_is_named_at_a_limit_of_the_muscle_but_not_of_its_plausible_error(
+    number: str, end: int, is_obstacle: bool
+) -> None:
+    term = EffectTerm("number_error", "value", number=number)
+    fit = make_fit(term)
+    at_end = replace(fit, x=np.array([fit.hypothesis.bounds()[end][0]]))
+    assert bool(find_terms_at_bound(at_end)) == is_obstacle
+    assert not find_terms_at_bound(replace(fit, x=0.9 * at_end.x))
+
+
 @pytest.mark.parametrize("has_equivalent", [True, False])
 @pytest.mark.parametrize("verdict", ["identified", "unexplained"])
 @pytest.mark.parametrize("at_bound", [make_fit(RELAXATION, time_constant_s=100.0), make_fit(HOSE, length_m=0.02)])

@@ -6,8 +6,10 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.fitting.dependent_numbers import limit_to_valid
 from klute_sim.diagnosis.fitting.hypothesis import PRIOR_BOUND_SIGMAS, EffectTerm, FitParameter
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS
 from klute_sim.effects.families import instrument
 
 MAX_INSTRUMENT_FRACTION = 0.1
@@ -111,7 +113,7 @@ def find_numbers_at_limit(fit: Fit) -> list[str]:
 def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter, float]]:
     """Yield term, parameter and normalized bound of each parameter of a term that is at its bound.
 
-    A limit of physics, such as the exponent of an isothermal change, is a value like others.
+    A limit of physics, such as the exponent of an isothermal change or a bladder on its braid, is a value like others.
     """
     hypothesis = fit.hypothesis
     for index, bound in fit.find_bounds_reached().items():
@@ -119,9 +121,19 @@ def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter
         if parameter.term_index is None:
             continue
         term = hypothesis.terms[parameter.term_index]
-        physical_limits = next((p.physical_limits for p in term.parameters if p.key == parameter.name), ())
-        if not any(math.isclose(parameter.denormalize(bound), end) for end in physical_limits):
+        if not any(math.isclose(parameter.denormalize(bound), end) for end in _list_physical_limits(fit, parameter)):
             yield term, parameter, bound
+
+
+def _list_physical_limits(fit: Fit, parameter: FitParameter) -> tuple[float, ...]:
+    """Return the limits that physics sets for a ``parameter`` of a term of ``fit``, in its unit."""
+    term = fit.hypothesis.terms[parameter.term_index or 0]
+    if not term.number:
+        return next((p.physical_limits for p in term.parameters if p.key == parameter.name), ())
+    values = {**fit.hypothesis.device.spec.collect_values(), parameter.name: parameter.initial}
+    tested = parameter.initial - BOUND_SIGMAS * parameter.scale, parameter.initial + BOUND_SIGMAS * parameter.scale
+    limits = limit_to_valid(values, parameter.name, *tested)
+    return tuple(limit for limit in limits if limit not in tested)
 
 
 def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, values: list[float]) -> bool:
