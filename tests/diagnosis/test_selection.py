@@ -31,7 +31,7 @@ NOT_SHOWN = ("bladder", "friction_offset", "leak")
     [
         (s.effect, s.form.name)
         for s in catalogue.get_device_slots()
-        if s.effect in catalogue.get_named_effects() and s.effect not in NOT_SHOWN and not s.form.candidate_section
+        if s.effect in catalogue.get_named_effects() and s.effect not in NOT_SHOWN and not s.form.candidate_sections
     ],
     ids="-".join,
 )

@@ -116,8 +116,9 @@ class EffectForm:
     """Law of each hook; empty for a form that acts on a whole time series (a dead time)."""
     states: tuple[str, ...] = ()
     """Names of the internal states, which the law at ``next_state`` advances."""
-    candidate_section: str = ""
-    """Section of a device file without which a diagnosis does not propose this form, because it has no cause there."""
+    candidate_sections: tuple[str, ...] = ()
+    """Sections of a device file without any of which a diagnosis does not propose this form, because it has no cause
+    there."""
     find_flaw: Callable[[Any], str] | None = None
     """Function of ``p`` that returns why no part has these parameters, words that follow the name, or '' if parts have
     them. A diagnosis does not name such a part. None: parts have all parameters within the bounds."""

@@ -240,7 +240,7 @@ class DeviceSpec(DeviceFileSection):
     def list_candidate_forms(self, effect: Effect) -> list[EffectForm]:
         """Return the forms in which this device may lack ``effect``."""
         sections = self.list_sections()
-        return [form for form in effect.forms if not form.candidate_section or form.candidate_section in sections]
+        return [form for form in effect.forms if all(section in sections for section in form.candidate_sections)]
 
     def find_incompatibility(self, effect_name: str) -> str:
         """Return why ``effect_name`` contradicts the sections of this device, or ''."""

@@ -192,7 +192,7 @@ SEAL_FRICTION = Effect(
             ),
             laws={"damper_force": pressed_seal_friction, "next_state": step_seal_displacement},
             # The pressure is that of the muscle; the seal of a damper beside it meets the oil.
-            candidate_section="cylinder",
+            candidate_sections=("cylinder", "supply"),
             states=("seal_displacement", "length"),
         ),
     ),
