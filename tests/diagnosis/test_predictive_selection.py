@@ -299,6 +299,13 @@ def test_jackknife_covers_the_spread_of_the_refits() -> None:
     assert (low, high) == pytest.approx(((1.0 - half_width) * scale, (1.0 + half_width) * scale), rel=1e-3)
 
 
+def test_jackknife_of_a_parameter_without_influence_is_its_whole_range() -> None:
+    fit = replace(make_fit((FRICTION,), [1.0]), jacobian=np.zeros((1, 1)), weighted_residuals=np.zeros(1))
+    (interval,) = compute_jackknife_intervals(PredictiveModel(fit, np.ones(4), np.ones((4, 1))))
+    (parameter,) = fit.hypothesis.parameters
+    assert interval == pytest.approx(tuple(parameter.denormalize(float(end[0])) for end in fit.hypothesis.bounds()))
+
+
 def test_nothing_at_a_bound_and_no_absurd_instrument_is_named() -> None:
     trials = make_repeats([np.linspace(0.0, 500.0, 100)] * 2)
     simulator = Simulator(1)

@@ -190,6 +190,7 @@ def compute_jackknife_intervals(model: PredictiveModel) -> list[tuple[float, flo
     jackknife = (n_folds - 1) / n_folds * ((points - points.mean(axis=0)) ** 2).sum(axis=0)
     curvature = np.maximum(0.0, np.diag(np.linalg.pinv(fit.jacobian.T @ fit.jacobian)))
     half_widths = student_t.ppf(0.5 + 0.5 * CONFIDENCE_LEVEL, n_folds - 1) * np.sqrt(np.maximum(jackknife, curvature))
+    half_widths[~np.any(fit.jacobian, axis=0)] = np.inf  # a parameter without influence may have any value
     lower, upper = fit.hypothesis.bounds()
     ends = zip(
         fit.hypothesis.parameters,
