@@ -86,7 +86,8 @@ def compute_ground_moment(channels: Mapping[str, ScaledSeries], steps: list[Step
         for name in ("grf_vertical", "grf_forward", "ankle_z")
     )
     cop, x = channels["cop_x"].series, channels["ankle_x"].series
-    arm = average_cycle(cop._replace(value=cop.value - np.interp(cop.time, x.time, x.value)), steps)[LOADED_STANCE_PCT]
+    ankle = np.interp(cop.time, x.time, x.value, left=np.nan, right=np.nan)
+    arm = average_cycle(cop._replace(value=cop.value - ankle), steps)[LOADED_STANCE_PCT]
     return np.asarray(arm * vertical + height * forward)
 
 

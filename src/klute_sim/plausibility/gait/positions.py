@@ -159,10 +159,10 @@ def check_cop(
     """Return the finding on the centre of pressure, and its progression relative to the ankle [m]; NaN if unknown."""
     force = np.interp(cop.series.time, vertical.time, np.nan_to_num(np.abs(vertical.value)))
     is_loaded = np.isfinite(cop.series.value) & (force > 0.35 * float(np.percentile(np.abs(vertical.value), 97.0)))
-    is_loaded &= _is_inside(cop.series.time, steps)
+    ankle = np.interp(cop.series.time, x.time, x.value, left=np.nan, right=np.nan)
+    is_loaded &= _is_inside(cop.series.time, steps) & np.isfinite(ankle)
     if is_loaded.sum() < 5:
         return [], np.nan
-    ankle = np.interp(cop.series.time, x.time, x.value)
     gap = np.where(is_loaded, cop.series.value - ankle, np.nan)
     if _is_near(gap):
         return [], _measure_progression(Series(cop.series.time, gap), steps)
