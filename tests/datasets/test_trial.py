@@ -187,6 +187,14 @@ def test_centre_of_pressure_may_be_missing_only_without_load(tmp_path: Path) -> 
     assert "line 4: the cell is empty; 'grf_vertical' is prescribed" in read_error(tmp_path, gap, rig="gait")
 
 
+def test_noise_of_an_unloaded_plate_needs_no_centre_of_pressure(tmp_path: Path) -> None:
+    load = np.where(np.arange(N) < 15, 800.0, 0.0)
+    load[17] = 25.0
+    cop = np.where(np.arange(N) < 15, TIME, np.nan)
+    content = read(tmp_path, {**GAIT, "grf_vertical [N]": load, "cop_x [mm]": cop, "time [s]": TIME}, rig="gait")
+    assert np.isfinite(content.prescribed["cop_x"].value).sum() == 15
+
+
 @pytest.mark.parametrize("cop", [np.full(N, np.nan), np.zeros(N)])
 def test_trial_without_foot_strike_is_refused(tmp_path: Path, cop: np.ndarray) -> None:
     unloaded = {"time [s]": TIME, **GAIT, "cop_x [mm]": cop, "grf_vertical [N]": replace_row(3, 1.26)}

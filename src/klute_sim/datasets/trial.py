@@ -11,6 +11,7 @@ import numpy as np
 from klute_sim.datasets import channels
 from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, get_measured_units, get_prescribed_units
 from klute_sim.datasets.column_mapping import NO_MAPPING, ColumnMapping
+from klute_sim.datasets.foot_load import find_loaded_samples, interpolate_loaded
 from klute_sim.datasets.trial_files import table
 from klute_sim.datasets.trial_files.column_assignment import format_columns
 from klute_sim.datasets.trial_files.table import Table
@@ -286,10 +287,11 @@ def _check_foot_strike(cop: _Column, vertical: _Column) -> None:
 
 
 def _check_known_under_load(column: _Column, vertical_force: TimeSeries) -> None:
-    load = np.interp(column.series.time, vertical_force.time, vertical_force.value)
-    is_missing = np.isnan(column.series.value) & (load > channels.CONTACT_FORCE_THRESHOLD)
+    is_loaded = interpolate_loaded(column.series.time, vertical_force.time, find_loaded_samples(vertical_force.value))
+    is_missing = np.isnan(column.series.value) & is_loaded
     if is_missing.any():
         row = int(is_missing.argmax())
+        load = np.interp(column.series.time, vertical_force.time, vertical_force.value)
         raise InputError(
             f"{column.location}, {column.file.locate_row(row)}: the cell is empty under a load of {load[row]:.0f} N; "
             f"empty cells are allowed up to {channels.CONTACT_FORCE_THRESHOLD:g} N"

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
+from klute_sim.datasets.foot_load import find_loaded_samples
 from klute_sim.types import Array
 
 MIN_CONTACT_TIME = 0.15
@@ -37,9 +38,10 @@ def estimate_force_offset(vertical_force: Array) -> float:
 def find_contacts(time: Array, vertical_force: Array, threshold: float = CONTACT_FORCE_THRESHOLD) -> list[Contact]:
     """Return the contacts in ``vertical_force`` [N] at ``time`` [s].
 
-    Events are the times at which straight lines between samples cross ``threshold`` [N].
+    Events are the times at which straight lines between samples cross ``threshold`` [N]. Noise of an unloaded plate
+    that exceeds it is no contact.
     """
-    loaded = np.nan_to_num(vertical_force) > threshold
+    loaded = find_loaded_samples(vertical_force, threshold)
     edges = np.flatnonzero(np.diff(loaded.astype(int))) + 1
     bounds = [0, *edges.tolist(), len(loaded)]
     spans = [(a, b) for a, b in pairwise(bounds) if loaded[a]]

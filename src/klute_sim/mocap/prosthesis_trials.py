@@ -10,7 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD, MEASURED_CHANNELS
+from klute_sim.datasets.channels import MEASURED_CHANNELS
+from klute_sim.datasets.foot_load import find_loaded_samples, interpolate_loaded
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.gait.contacts import Contact, find_contacts
 from klute_sim.mocap.import_log import ImportLog
@@ -142,7 +143,8 @@ def _add_cop(
             "unknown"
         )
         return False
-    is_loaded = np.interp(cop.time, *channels["grf_vertical"]) > CONTACT_FORCE_THRESHOLD
+    vertical = channels["grf_vertical"]
+    is_loaded = interpolate_loaded(cop.time, vertical.time, find_loaded_samples(vertical.value))
     filled = filters.fill_gaps(np.where(is_loaded, cop.value, np.nan), cop.time)
     channels["cop_x"] = TimeSeries(cop.time, np.where(is_loaded, filled, np.nan))
     is_missing = np.isnan(filled[is_loaded])

@@ -27,6 +27,7 @@ from klute_sim.diagnosis.experiments.registration import (
 )
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
+from klute_sim.gait.contacts import find_contacts
 from klute_sim.gait.replay.foot import build_bare_foot
 from klute_sim.gait.replay.prescribed import CUTOFF_FREQUENCY_HZ, PrescribedMotion, prepare_prescribed_motion
 from klute_sim.gait.replay.rollout import ReplayInputs, simulate_replay
@@ -51,8 +52,8 @@ SIMULATION_ERROR = 0.1
 """Error of the replay of a walk whose inputs have no noise, over the noise of usual instruments (measured on simulated
 walks: 0.1 to 0.22 in the worst walk with most effects; docs/benchmark.md)."""
 MIN_SWING_TIME = 0.1
-"""Shortest time without load before a foot strike [s]; a foot may bounce at foot strike and toe-off (assumed; swing
-takes about 0.4 s)."""
+"""Shortest time between the start of the load and the first foot strike [s], to know that a swing came before it
+(assumed; swing takes about 0.4 s)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,13 +258,12 @@ def prepare_gait_trial(trial: Trial, use: Use) -> GaitExperiment:
 
 
 def _find_foot_strikes(motion: PrescribedMotion, where: str) -> Array:
-    """Return the times of the foot strikes that follow a swing, since the start [s]."""
-    strikes, toe_offs = motion.find_foot_strikes(), motion.find_toe_offs()
+    """Return the times of the foot strikes of the trial that follow a swing, since its start [s]."""
+    begin, end = max(motion.start_time, motion.vertical_load.time[0] + MIN_SWING_TIME), motion.end_time
     after_swing = [
-        strike
-        for strike in strikes
-        if not ((toe_offs > strike - MIN_SWING_TIME) & (toe_offs < strike)).any()
-        and strike - MIN_SWING_TIME > motion.vertical_load.time[0]
+        contact.foot_strike
+        for contact in find_contacts(*motion.vertical_load)
+        if contact.has_foot_strike and begin < contact.foot_strike <= end
     ]
     if len(after_swing) < 2:
         raise InputError(

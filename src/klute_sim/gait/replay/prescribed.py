@@ -10,6 +10,8 @@ than the limb, about a point at the height ``h``, the ankle lies ``h e`` further
 
 Accelerations are second derivatives of the motion after a zero-lag low-pass filter, as usual for markers (Winter,
 Biomechanics and Motor Control of Human Movement, 4th ed. 2009, section 3.4). They only move 0.8 kg of foot.
+
+While the foot is in the air nothing loads it, whatever noise or offset the plate has.
 """
 
 from collections.abc import Mapping
@@ -20,11 +22,15 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD, MOTION_CHANNELS
+from klute_sim.datasets.foot_load import find_loaded_samples, interpolate_loaded
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.errors import InputError
 from klute_sim.gait.replay.rollout import ReplayInputs
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 
+MAX_LEVER_DEVIATION = 0.3
+"""Largest distance of the centre of pressure from its median position under the foot [m], about the length of a
+foot."""
 CUTOFF_FREQUENCY_HZ = 20.0
 """Cutoff frequency of the low-pass filter for motion before differentiation [Hz] (assumed: above the usual 6 to 10 Hz
 for markers, so that less of a foot strike is lost)."""
@@ -46,7 +52,7 @@ class PrescribedMotion(NamedTuple):
     shear_force: TimeSeries
     """Ground reaction across the pylon, backward positive [N]."""
     vertical_load: TimeSeries
-    """Vertical ground reaction [N]."""
+    """Vertical ground reaction [N]; 0 where the foot is in the air."""
     pressure_command: TimeSeries
     """Commanded gauge pressure [Pa]."""
     start_time: float
@@ -76,7 +82,7 @@ class PrescribedMotion(NamedTuple):
         return self._find_load_crossings(-1)
 
     def _find_load_crossings(self, direction: int) -> Array:
-        change = np.diff((self.vertical_load.value > CONTACT_FORCE_THRESHOLD).astype(int))
+        change = np.diff((self.vertical_load.value > 0.0).astype(int))
         return np.asarray(self.vertical_load.time[1:][change == direction])
 
 
@@ -90,7 +96,7 @@ def prepare_prescribed_motion(
     [Hz]. ``alignment`` [rad] is that of the pylon to the limb, dorsiflexion positive; the shank
     of a replay is the pylon. ``source`` names the trial in errors.
 
-    Raises InputError when the foot is never loaded.
+    Raises InputError when the foot is never loaded, or its centre of pressure is unknown.
     """
     motion = {}
     for name in MOTION_CHANNELS:
@@ -98,29 +104,48 @@ def prepare_prescribed_motion(
     shank = motion["shank_angle"]
     motion["shank_angle"] = CubicSpline(shank.x, shank(shank.x) - alignment)
     vertical, forward, cop = (channels[name] for name in ("grf_vertical", "grf_forward", "cop_x"))
-    is_loaded = vertical.value > CONTACT_FORCE_THRESHOLD
+    is_loaded = find_loaded_samples(vertical.value)
     if not is_loaded.any():
         raise InputError(
             f"{source}: 'grf_vertical' is never above {CONTACT_FORCE_THRESHOLD:g} N: the foot must stand on the ground"
         )
-    known = np.isfinite(cop.value)
-    cop_x = np.interp(vertical.time, cop.time[known], cop.value[known])
-    lever = np.where(is_loaded, cop_x - motion["ankle_x"](vertical.time), 0.0)
-    forward_force = np.interp(vertical.time, forward.time, forward.value)
-    moment = -motion["ankle_z"](vertical.time) * forward_force - lever * vertical.value
+    vertical_force = np.where(is_loaded, vertical.value, 0.0)
+    forward_force = np.where(is_loaded, np.interp(vertical.time, forward.time, forward.value), 0.0)
+    is_cop_loaded = interpolate_loaded(cop.time, vertical.time, is_loaded)
+    lever = _compute_lever(vertical.time, cop, motion["ankle_x"], is_cop_loaded, source)
+    moment = -motion["ankle_z"](vertical.time) * forward_force - lever * vertical_force
     sine, cosine = np.sin(motion["shank_angle"](vertical.time)), np.cos(motion["shank_angle"](vertical.time))
     return PrescribedMotion(
         shank_angle=motion["shank_angle"],
         ankle_x=motion["ankle_x"],
         ankle_z=motion["ankle_z"],
         ground_moment=TimeSeries(vertical.time, np.asarray(moment)),
-        axial_force=TimeSeries(vertical.time, np.asarray(cosine * vertical.value + sine * forward_force)),
-        shear_force=TimeSeries(vertical.time, np.asarray(sine * vertical.value - cosine * forward_force)),
-        vertical_load=vertical,
+        axial_force=TimeSeries(vertical.time, np.asarray(cosine * vertical_force + sine * forward_force)),
+        shear_force=TimeSeries(vertical.time, np.asarray(sine * vertical_force - cosine * forward_force)),
+        vertical_load=TimeSeries(vertical.time, vertical_force),
         pressure_command=channels["pressure_command"],
         start_time=float(max(series.time[0] for series in channels.values())),
         end_time=float(min(series.time[-1] for series in channels.values())),
     )
+
+
+def _compute_lever(time: Array, cop: TimeSeries, ankle_x: CubicSpline, is_loaded: Mask, source: str) -> Array:
+    """Return the distance [m] of the centre of pressure in front of the ankle at each ``time`` [s].
+
+    ``is_loaded`` belongs to the samples of ``cop``. Plates write 0, or a point far from the foot, while the load is
+    small; such samples are interpolated. Raises InputError where the distance is unknown whenever the foot is loaded.
+    """
+    is_known = is_loaded & np.isfinite(cop.value) & (cop.time >= ankle_x.x[0]) & (cop.time <= ankle_x.x[-1])
+    if not is_known.any():
+        raise InputError(
+            f"{source}: no sample of 'cop_x' lies in the time in which the foot is loaded and 'ankle_x' is known, so "
+            "the moment of the load about the ankle is unknown"
+        )
+    if cop.value[is_known].any():
+        is_known &= cop.value != 0.0
+    lever = cop.value[is_known] - ankle_x(cop.time[is_known])
+    is_under_foot = np.abs(lever - np.median(lever)) <= MAX_LEVER_DEVIATION
+    return np.asarray(np.interp(time, cop.time[is_known][is_under_foot], lever[is_under_foot]))
 
 
 def _fit_low_pass_spline(series: TimeSeries, cutoff: float) -> CubicSpline:

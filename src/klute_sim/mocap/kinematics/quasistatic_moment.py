@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from klute_sim.datasets.foot_load import find_loaded_samples
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics.loads import GroundReaction
 from klute_sim.mocap.kinematics.postprocess import ResampledLoads
@@ -37,7 +38,7 @@ def add_cop(
     if load.cop is not None or column is None:
         return load
     values = np.interp(load.time, column.time, apply_given_sign(column, side, log), left=np.nan, right=np.nan)
-    is_loaded = load.vertical > options.contact_threshold
+    is_loaded = find_loaded_samples(load.vertical, options.contact_threshold)
     known = load.time[is_loaded & np.isfinite(values)]
     later = np.searchsorted(known, load.time)
     bounds = np.concatenate([[-np.inf], known, [np.inf]])
