@@ -1,5 +1,6 @@
 """A force plate that is noisy, or runs longer than the cameras: contacts, load and strides are those of the foot."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from klute_sim.datasets.foot_load import find_loaded_samples
 from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
+from klute_sim.diagnosis.recording_faults import describe_uncompared_channels
 from klute_sim.gait.contacts import find_contacts
 from klute_sim.gait.replay.prescribed import prepare_prescribed_motion
 from klute_sim.plausibility.gait.positions import ScaledSeries, check_cop
@@ -130,3 +132,14 @@ def test_plate_that_records_longer_than_the_cameras_is_plausible() -> None:
     vertical, x = (Series(*channels[name]) for name in ("grf_vertical", "ankle_x"))
     cop = ScaledSeries("cop_x", Series(*channels["cop_x"]), "m", 1.0)
     assert check_cop(cop, x, vertical, find_steps(vertical), "walk")[0] == []
+
+
+def test_log_that_ends_before_the_compared_times_is_not_used() -> None:
+    """Its channels are left out and reported; the first half a second of a trial is not compared."""
+    trial = make_trial(make_channels())
+    short = {"force": TimeSeries(TIME[:400], LOAD[:400]), "ankle_angle": TimeSeries(TIME, 0.1 * np.sin(TIME))}
+    trial = replace(trial, measured=short)
+    walk = prepare_gait_trial(trial, "fit")
+    assert list(walk.measured) == ["ankle_angle"]
+    (sentence,) = describe_uncompared_channels([trial], [walk])
+    assert sentence.startswith("'force' is not used in 1 of 1 trials, such as 'walk': it has no samples")

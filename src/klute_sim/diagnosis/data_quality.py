@@ -24,6 +24,7 @@ from klute_sim.diagnosis.noise.repeats import (
 )
 from klute_sim.diagnosis.recording_faults import (
     describe_copied_pressures,
+    describe_uncompared_channels,
     find_copied_pressures,
     find_drifting_repeats,
     limit_forces_at_zero,
@@ -63,6 +64,7 @@ def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simu
     Test trials lose the channels that are excluded everywhere and are not examined otherwise.
     """
     seen = {e.name for e in experiments if e.use != "test"}
+    uncompared = describe_uncompared_channels(dataset.trials, experiments)
     experiments, floor = limit_forces_at_zero([t for t in dataset.trials if t.name in seen], experiments)
     for_fit = [e for e in experiments if e.use == "fit"]
     dead, saturated = find_faulty_channels(for_fit)
@@ -70,7 +72,7 @@ def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simu
         remove_saturated_samples(experiments, for_fit), pair_trials_with_channels(experiments, dead)
     )
     remarks = [f"{reason}; it is not used." for reason in dead.values()] + [f"{remark}." for remark in saturated]
-    remarks += filter(None, [floor])
+    remarks += [*uncompared, *filter(None, [floor])]
     copied, copied_remarks = _find_copied_channels(dataset, usable)
     usable, remarks = remove_channels(usable, copied), remarks + copied_remarks
 

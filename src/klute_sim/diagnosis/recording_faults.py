@@ -1,6 +1,7 @@
 """Faults of a recording that no single sample shows: a copied command, a force that ends at zero, drifting repeats."""
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -32,6 +33,21 @@ MIN_ZERO_FORCES = 10
 """Smallest number of forces that equal zero where a channel without negative ones ends there (assumed)."""
 MAX_ORDER_PROBABILITY = 0.02
 """Largest probability that exchangeable repeats have the observed order by chance (assumed)."""
+
+
+def describe_uncompared_channels(trials: Sequence[Trial], experiments: Sequence[Experiment]) -> list[str]:
+    """Return a sentence about each channel without samples at the compared times of some of ``trials``."""
+    compared = {e.name: e.measured for e in experiments}
+    names_by_channel: dict[str, list[str]] = defaultdict(list)
+    for trial in trials:
+        for channel in trial.measured:
+            if channel not in compared[trial.name]:
+                names_by_channel[channel].append(trial.name)
+    return [
+        f"'{channel}' is not used in {len(names)} of {len(trials)} trials, such as '{names[0]}': it has no samples at "
+        "the times that are compared. Check the clock and the length of its file."
+        for channel, names in names_by_channel.items()
+    ]
 
 
 def find_copied_pressures(trials: Sequence[Trial]) -> set[str]:

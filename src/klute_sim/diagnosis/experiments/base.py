@@ -27,6 +27,8 @@ longer than this, and a million samples would fill the memory."""
 WARM_UP_FRACTION, MAX_WARM_UP_TIME = 0.1, 0.5
 """Fraction of a trial, and longest time [s], that is simulated but not compared. The internal state of friction before
 the trial is unknown; the first movements erase it."""
+MIN_SERIES_SAMPLES = 2
+"""Fewest samples of a channel that have a sampling interval."""
 COARSE_STEP_FACTOR = 2
 """Time steps that a coarse simulation merges into one. Its derivatives are accurate to within a fifth, and its error
 relative to the normal time step is subtracted."""
@@ -329,12 +331,14 @@ def select_samples(
     """Return the samples of ``trial`` to compare with a simulation from ``start_time`` to ``end_time`` [s].
 
     Samples are finite, later than the warm-up, not later than ``last_time`` [s], and decimated to
-    :data:`MIN_SAMPLING_INTERVAL`.
+    :data:`MIN_SAMPLING_INTERVAL`. A channel without at least two such samples is left out.
     """
     first_time = start_time + min(max_warm_up_fraction * (end_time - start_time), max_warm_up_time)
     measured = {}
     for name, series in trial.measured.items():
         is_compared = np.isfinite(series.value) & (series.time > first_time) & (series.time <= last_time)
+        if is_compared.sum() < MIN_SERIES_SAMPLES:
+            continue
         compared = TimeSeries(series.time[is_compared], series.value[is_compared])
         if name in trial.limits:
             compared = compared._replace(value=np.clip(compared.value, *trial.limits[name]))

@@ -10,6 +10,7 @@ from klute_sim.datasets.trial import TimeSeries, Trial, Use
 from klute_sim.device.schema import effects
 from klute_sim.diagnosis.experiments.base import (
     COARSE_STEP_FACTOR,
+    MIN_SERIES_SAMPLES,
     PRESSURE_PERTURBATION,
     DeviceResponse,
     Experiment,
@@ -274,7 +275,7 @@ def _find_foot_strikes(motion: PrescribedMotion, where: str) -> Array:
 
 
 def _exclude_contact_changes(measured: Mapping[str, TimeSeries], motion: PrescribedMotion) -> dict[str, TimeSeries]:
-    """Return ``measured`` without the samples close to foot strikes and toe-offs."""
+    """Return ``measured`` without the samples close to foot strikes and toe-offs, and without empty channels."""
     selected = {}
     for channel, series in measured.items():
         is_retained = np.ones(len(series.time), dtype=np.bool_)
@@ -282,5 +283,6 @@ def _exclude_contact_changes(measured: Mapping[str, TimeSeries], motion: Prescri
             is_retained &= (series.time < event - MARGIN_BEFORE_CONTACT_CHANGE) | (
                 series.time > event + MARGIN_AFTER_CONTACT_CHANGE
             )
-        selected[channel] = TimeSeries(series.time[is_retained], series.value[is_retained])
+        if is_retained.sum() >= MIN_SERIES_SAMPLES:
+            selected[channel] = TimeSeries(series.time[is_retained], series.value[is_retained])
     return selected
