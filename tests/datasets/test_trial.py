@@ -187,6 +187,18 @@ def test_centre_of_pressure_may_be_missing_only_without_load(tmp_path: Path) -> 
     assert "line 4: the cell is empty; 'grf_vertical' is prescribed" in read_error(tmp_path, gap, rig="gait")
 
 
+def test_offset_of_the_force_plate_is_subtracted(tmp_path: Path) -> None:
+    """What the plate reads in swing it also adds in stance; a small offset is subtracted without a remark."""
+    load = np.where(np.arange(N) < 12, 800.0, 0.0)
+    cop = np.where(np.arange(N) < 12, TIME, np.nan)
+    for vertical, forward, text in ((-25.0, 8.0, "-25 N up and 8 N forward"), (2.0, 1.0, "")):
+        forces = {"grf_vertical [N]": load + vertical, "grf_forward [N]": 0.1 * load + forward}
+        content = read(tmp_path, {**GAIT, **forces, "cop_x [mm]": cop, "time [s]": TIME}, rig="gait")
+        assert content.prescribed["grf_vertical"].value == pytest.approx(load)
+        assert content.prescribed["grf_forward"].value == pytest.approx(0.1 * load)
+        assert [text in remark for remark in content.remarks if "plate" in remark] == [True] * bool(text)
+
+
 def test_noise_of_an_unloaded_plate_needs_no_centre_of_pressure(tmp_path: Path) -> None:
     load = np.where(np.arange(N) < 15, 800.0, 0.0)
     load[17] = 25.0

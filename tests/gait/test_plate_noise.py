@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from klute_sim.datasets.foot_load import find_loaded_samples
+from klute_sim.datasets.foot_load import estimate_force_offset, estimate_plate_offset, find_loaded_samples
 from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
@@ -83,6 +83,31 @@ def test_spike_of_the_plate_hides_no_contact() -> None:
     load[1500] = 1e5
     assert len(find_contacts(TIME, load)) == len(find_contacts(TIME, LOAD))
     assert not find_loaded_samples(np.zeros(10)).any()
+
+
+@pytest.mark.parametrize("offset", [-60.0, -25.0, 15.0, 25.0, 150.0])
+@pytest.mark.parametrize("deviation", [0.0, 5.0, 20.0])
+def test_offset_is_what_the_plate_reads_in_swing(offset: float, deviation: float) -> None:
+    noise = make_noise(deviation)
+    assert estimate_force_offset(LOAD + noise + offset) == pytest.approx(offset, abs=0.05 * deviation)
+    forward = 0.1 * LOAD + 0.2 * offset
+    assert estimate_plate_offset(LOAD + noise, forward).forward == pytest.approx(0.2 * offset, abs=1e-9)
+    assert [c.foot_strike for c in find_contacts(TIME, LOAD + noise + offset)][1:] == pytest.approx(STRIKES, abs=0.01)
+
+
+def test_load_of_a_standing_person_is_no_offset() -> None:
+    sway = 400.0 + 30.0 * np.sin(2.0 * np.pi * 0.3 * TIME) + make_noise(5.0)
+    assert estimate_force_offset(sway) == 0.0
+    assert estimate_force_offset(LOAD[LOAD > 0.0] + 30.0) == 0.0
+    assert estimate_force_offset(np.full(5, np.nan)) == 0.0
+
+
+def test_missing_samples_end_no_contact() -> None:
+    """A gap of 150 ms in stance begins no step."""
+    load = LOAD.copy()
+    load[1300:1450] = np.nan
+    assert [c.foot_strike for c in find_contacts(TIME, load)][1:] == pytest.approx(STRIKES, abs=0.01)
+    assert find_contacts(TIME, np.full_like(TIME, np.nan)) == []
 
 
 @pytest.mark.parametrize("deviation", [2.0, 20.0])

@@ -1,4 +1,6 @@
-"""Tell the load of a foot on a force plate from the noise of an unloaded plate."""
+"""Tell the load of a foot on a force plate from noise and offset of an unloaded plate."""
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,14 +12,55 @@ STANCE_PERCENTILE = 95.0
 MIN_LOAD_FRACTION = 0.1
 """Fraction of the load in stance that a foot reaches in each contact, and noise does not (assumed: the belts of a
 treadmill shake a plate by 10 to 30 N)."""
+LOW_PERCENTILE, HIGH_PERCENTILE = 1.0, 99.5
+"""Percentiles of the vertical force that stand for an unloaded plate and for its largest load, without spikes."""
+UNLOADED_FRACTION = 0.1
+"""Part of the range between them in which the plate is unloaded, and smallest fraction of the samples there."""
+MAX_OFFSET_FRACTION = 0.2
+"""Largest offset of a plate over its largest load (assumed); a larger one is the load of a person who stands."""
+MAX_FORWARD_OFFSET_FRACTION = 0.05
+"""Largest fore-aft offset of a plate over its largest vertical load (assumed); a larger one is another column."""
+
+
+class PlateOffset(NamedTuple):
+    """Readings of a plate without load."""
+
+    vertical: float
+    """Vertical force [N]."""
+    forward: float
+    """Fore-aft force [N]."""
+
+
+def estimate_force_offset(vertical_force: Array) -> float:
+    """Return the vertical force [N] of an unloaded plate; 0 where it is never unloaded for long enough to tell."""
+    known = vertical_force[np.isfinite(vertical_force)]
+    if len(known) == 0:
+        return 0.0
+    low, high = np.percentile(known, [LOW_PERCENTILE, HIGH_PERCENTILE])
+    unloaded = known[known < low + UNLOADED_FRACTION * (high - low)]
+    if len(unloaded) <= UNLOADED_FRACTION * len(known):
+        return 0.0
+    offset = float(np.median(unloaded))
+    return offset if abs(offset) <= MAX_OFFSET_FRACTION * high else 0.0
+
+
+def estimate_plate_offset(vertical_force: Array, forward_force: Array) -> PlateOffset:
+    """Return the offset of a plate from ``vertical_force`` and ``forward_force`` [N] at the same times, (n,) each."""
+    is_unloaded = ~find_loaded_samples(vertical_force)
+    vertical, forward = estimate_force_offset(vertical_force), 0.0
+    if is_unloaded.mean() > UNLOADED_FRACTION:
+        forward = float(np.median(forward_force[is_unloaded]))
+    is_small = abs(forward) <= MAX_FORWARD_OFFSET_FRACTION * float(np.percentile(vertical_force, HIGH_PERCENTILE))
+    return PlateOffset(vertical, forward if is_small else 0.0)
 
 
 def find_loaded_samples(vertical_force: Array, threshold: float = CONTACT_FORCE_THRESHOLD) -> Mask:
     """Return which samples of ``vertical_force`` [N] are the load of a foot.
 
-    These are the runs of samples above ``threshold`` [N] that reach :data:`MIN_LOAD_FRACTION` of the load in stance.
+    These are the runs of samples above ``threshold`` [N], without the offset of the plate, that reach
+    :data:`MIN_LOAD_FRACTION` of the load in stance.
     """
-    force = np.nan_to_num(vertical_force)
+    force = np.nan_to_num(vertical_force - estimate_force_offset(vertical_force))
     is_above = force > threshold
     if not is_above.any():
         return is_above

@@ -11,7 +11,7 @@ import numpy as np
 from klute_sim.datasets import channels
 from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, get_measured_units, get_prescribed_units
 from klute_sim.datasets.column_mapping import NO_MAPPING, ColumnMapping
-from klute_sim.datasets.foot_load import find_loaded_samples, interpolate_loaded
+from klute_sim.datasets.foot_load import estimate_plate_offset, find_loaded_samples, interpolate_loaded
 from klute_sim.datasets.trial_files import table
 from klute_sim.datasets.trial_files.column_assignment import format_columns
 from klute_sim.datasets.trial_files.table import Table
@@ -26,6 +26,10 @@ COMMAND_CHANNEL = "pressure_command"
 """Prescribed channel that a device without a supply does not need."""
 PRESSURE_CHANNEL = "pressure"
 """Measured channel that can stand for the command."""
+PLATE_FORCES = (channels.VERTICAL_FORCE, "grf_forward")
+"""Prescribed channels of a force plate that may have an offset."""
+MAX_SILENT_OFFSET = 3.0
+"""Largest offset of a force plate [N] that no remark states."""
 MIN_SAMPLES = 10
 """Minimum number of samples of a channel, not counting missing ones."""
 
@@ -165,6 +169,8 @@ def read_trial(
         units[COMMAND_CHANNEL] = get_prescribed_units(rig)[COMMAND_CHANNEL]
     prescribed, measured = _assign_roles(rig, columns, [str(path) for path in files])
     _check_overlap(columns, delays)
+    if channels.VERTICAL_FORCE in prescribed:
+        remarks += _subtract_plate_offset(prescribed, columns[channels.VERTICAL_FORCE].file.source)
     units[TIME_COLUMN] = next(iter(columns.values())).file.units[TIME_COLUMN]
     digests = tuple(file.digest for file in tables)
     return TrialChannels(prescribed, measured, digests, tuple(remarks), units, sources, unmapped)
@@ -296,6 +302,20 @@ def _check_known_under_load(column: _Column, vertical_force: TimeSeries) -> None
             f"{column.location}, {column.file.locate_row(row)}: the cell is empty under a load of {load[row]:.0f} N; "
             f"empty cells are allowed up to {channels.CONTACT_FORCE_THRESHOLD:g} N"
         )
+
+
+def _subtract_plate_offset(prescribed: dict[str, TimeSeries], source: str) -> list[str]:
+    """Subtract what the plate reads without load from its forces, and return a remark about a large offset."""
+    vertical, forward = (prescribed[name] for name in PLATE_FORCES)
+    offset = estimate_plate_offset(vertical.value, np.interp(vertical.time, forward.time, forward.value))
+    for name, series, force in zip(PLATE_FORCES, (vertical, forward), offset, strict=True):
+        prescribed[name] = series._replace(value=series.value - force)
+    if max(map(abs, offset)) <= MAX_SILENT_OFFSET:
+        return []
+    return [
+        f"trial file {source}: without load the force plate reads {offset.vertical:.0f} N up and "
+        f"{offset.forward:.0f} N forward; this offset was subtracted"
+    ]
 
 
 def _check_overlap(columns: Mapping[str, _Column], delays: Mapping[str, float]) -> None:

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
-from klute_sim.datasets.foot_load import find_loaded_samples
+from klute_sim.datasets.foot_load import estimate_force_offset, find_loaded_samples
 from klute_sim.types import Array
 
 MIN_CONTACT_TIME = 0.15
@@ -29,18 +29,16 @@ class Contact:
     """Whether the toe-off is in the recording."""
 
 
-def estimate_force_offset(vertical_force: Array) -> float:
-    """Return the reading [N] of an unloaded force plate: the median of the values below a twentieth of the maximum."""
-    unloaded = vertical_force[vertical_force < 0.05 * np.nanmax(vertical_force)]
-    return float(np.median(unloaded)) if len(unloaded) > 0.05 * len(vertical_force) else 0.0
-
-
 def find_contacts(time: Array, vertical_force: Array, threshold: float = CONTACT_FORCE_THRESHOLD) -> list[Contact]:
     """Return the contacts in ``vertical_force`` [N] at ``time`` [s].
 
     Events are the times at which straight lines between samples cross ``threshold`` [N]. Noise of an unloaded plate
-    that exceeds it is no contact.
+    that exceeds it is no contact, and missing samples are interpolated.
     """
+    known = np.isfinite(vertical_force)
+    if not known.any():
+        return []
+    vertical_force = np.interp(time, time[known], vertical_force[known] - estimate_force_offset(vertical_force))
     loaded = find_loaded_samples(vertical_force, threshold)
     edges = np.flatnonzero(np.diff(loaded.astype(int))) + 1
     bounds = [0, *edges.tolist(), len(loaded)]
@@ -63,5 +61,5 @@ def find_contacts(time: Array, vertical_force: Array, threshold: float = CONTACT
 def _interpolate_crossing(time: Array, values: Array, index: int, threshold: float) -> float:
     """Return the time at which the line from sample ``index - 1`` to sample ``index`` crosses ``threshold``."""
     low, high = float(values[index - 1]), float(values[index])
-    fraction = (threshold - low) / (high - low) if np.isfinite(low) and high != low else 1.0
+    fraction = (threshold - low) / (high - low)
     return float(time[index - 1] + fraction * (time[index] - time[index - 1]))

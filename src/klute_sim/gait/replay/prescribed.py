@@ -11,7 +11,7 @@ than the limb, about a point at the height ``h``, the ankle lies ``h e`` further
 Accelerations are second derivatives of the motion after a zero-lag low-pass filter, as usual for markers (Winter,
 Biomechanics and Motor Control of Human Movement, 4th ed. 2009, section 3.4). They only move 0.8 kg of foot.
 
-While the foot is in the air nothing loads it, whatever noise or offset the plate has.
+While the foot is in the air nothing loads it, whatever noise the plate has.
 """
 
 from collections.abc import Mapping

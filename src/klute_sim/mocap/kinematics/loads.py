@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from klute_sim.datasets.foot_load import estimate_force_offset
 from klute_sim.errors import InputError
-from klute_sim.gait.contacts import Contact, estimate_force_offset, find_contacts
+from klute_sim.gait.contacts import Contact, find_contacts
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_lookup, channel_names
