@@ -14,6 +14,7 @@ from klute_sim.errors import InputError
 from klute_sim.gait import reference
 from klute_sim.gait.rig import trajectory
 from klute_sim.gait.rig.build import build_gait_model, measure_leg
+from klute_sim.gait.rig.setup import GaitOptions, build_gait_rig
 
 TEXT = (resources.files("klute_sim.gait") / "normative_gait.csv").read_text("utf-8")
 DEFAULT = reference.load_default_reference()
@@ -197,3 +198,23 @@ def test_hip_hike_compensates_missing_dorsiflexion() -> None:
     assert (default_trajectory.height(swing) - touches).min() > trajectory.MIN_TOE_CLEARANCE
     assert (lifted.height(swing) - touches).min() > trajectory.MIN_TOE_CLEARANCE - 2e-4
     assert lifted.height(stance) == pytest.approx(default_trajectory.height(stance), abs=2e-3)
+
+
+@pytest.mark.parametrize(("stance", "is_walking"), [(0.7, True), (0.55, True), (0.45, False), (0.38, False)])
+def test_running_is_refused_by_the_rig(stance: float, is_walking: bool) -> None:
+    """With less than half of the cycle in stance, no leg tells the speed of the hip while both feet are in the air."""
+    phase = np.linspace(0.0, 1.0, 101)
+    rows = [",".join((reference.PHASE_COLUMN, *reference.REQUIRED_COLUMNS))]
+    source = np.interp(phase, [0.0, stance, 1.0], [0.0, 0.633, 1.0])
+    columns = [DEFAULT(name, source) for name in reference.REQUIRED_COLUMNS]
+    columns = [
+        np.where(phase < stance, values, 0.0) if name.startswith("grf") else values
+        for name, values in zip(reference.REQUIRED_COLUMNS, columns, strict=True)
+    ]
+    rows += [",".join(f"{value:.6g}" for value in row) for row in zip(100.0 * phase, *columns, strict=True)]
+    gait = reference.parse_reference("\n".join(rows), "mine.csv")
+    if is_walking:
+        assert build_gait_rig(load_device("klute-1-1-4-pair"), GaitOptions(reference=gait), 1e-3).trajectory.speed > 0.5
+    else:
+        with pytest.raises(InputError, match=r"reference mine\.csv: both feet are in the air in .* as in running"):
+            build_gait_rig(load_device("klute-1-1-4-pair"), GaitOptions(reference=gait), 1e-3)

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
+from klute_sim.constants import GRAVITY
+from klute_sim.errors import InputError
 from klute_sim.gait.reference import Reference
 from klute_sim.types import Array
 
@@ -44,6 +46,8 @@ MIN_TOE_CLEARANCE = 14e-3
 (assumed: people clear the ground by 10 to 20 mm)."""
 CLEARANCE_PHASES = (0.68, 0.97)
 """Phases between which the foot must clear the ground, for a reference with toe-off at :data:`KNOT_TOE_OFF_PHASE`."""
+MIN_SUPPORT_BW = 0.1
+"""Smallest load of both feet together [body weights] in walking (assumed; it is 0.5 or more)."""
 N_SPEED_HARMONICS = 6
 """Number of Fourier terms of the forward speed of the hip."""
 
@@ -121,6 +125,8 @@ def plan_hip_trajectory(
     hip is therefore raised so far that a foot with the ankle angle of level ground has the clearance of level ground
     (assumed: people hike the hip), and that a foot clears level ground whose hinge is not dorsiflexed and which has the
     ``alignment`` [rad] to the limb.
+
+    Raises InputError for a reference of running.
     """
     thigh = compute_thigh_angle(reference, PHASE_GRID)
     shank = thigh + compute_knee_angle(reference, PHASE_GRID)
@@ -160,12 +166,22 @@ def _fit_periodic_spline(values: Array) -> CubicSpline:
 
 
 def _blend_leg_speeds(reference: Reference, rolling: Array, scale: float) -> Array:
-    """Return the forward speed of the hip per cycle [m]: the rolling speeds of both legs, weighted with their loads."""
+    """Return the forward speed of the hip per cycle [m]: the rolling speeds of both legs, weighted with their loads.
+
+    Raises InputError where neither leg has a load.
+    """
     low, high = 0.55 * scale, 2.2 * scale  # outside this range a foot is about to leave or to meet the ground
     load = np.maximum(reference("grf_vertical_n_per_kg", PHASE_GRID), 0.0)
     speed = np.clip(rolling, low, high)
     half = len(PHASE_GRID) // 2
     other_load, other_speed = np.roll(load, half), np.roll(speed, half)
+    in_flight = load + other_load < MIN_SUPPORT_BW * GRAVITY
+    if in_flight.any():
+        raise InputError(
+            f"reference {reference.name}: both feet are in the air in {100.0 * in_flight.mean():.0f} % of the cycle, "
+            "as in running (the other foot has the load of this one half a cycle later); the rig simulates walking, so "
+            "give a reference whose foot stands for more than half of the cycle"
+        )
     blended = (load * speed + other_load * other_speed) / (load + other_load)
     spectrum = np.fft.rfft(blended)
     spectrum[N_SPEED_HARMONICS + 1 :] = 0.0
