@@ -1,15 +1,19 @@
 """Which equation of a walk has the misfit, and the data-driven term of the ankle."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.discrepancy.sparse_regression import add_data_driven_term, format_formula
 from klute_sim.diagnosis.experiments.base import BodyEdit
 from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals, select_significant_equations
+from klute_sim.diagnosis.localization.gait_equations import compute_walk_residual_series
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.errors import InputError
 from klute_sim.gait.rig.build import build_gait_model
@@ -49,6 +53,22 @@ def test_no_equation_of_a_clean_walk_lacks_anything(simulator: Simulator) -> Non
 def test_effect_of_the_device_is_missing_in_its_equation_only(simulator: Simulator, equation: str) -> None:
     """The ankle moves otherwise under each of them, but its own equation holds."""
     assert list(list_significant(simulator, effects=SECTIONS[equation])) == [equation]
+
+
+@pytest.mark.parametrize("channel", ["force", "pressure"])
+def test_dropout_of_a_log_is_no_misfit_of_an_equation(channel: str) -> None:
+    """A quarter of a second without samples, as of a wireless log, is not interpolated."""
+    recorded = walk.make_walks(amplitudes=(1.0,))[0]
+    series = recorded.measured[channel]
+    is_kept = (series.time < 1.25) | (series.time > 1.5)
+    kept = TimeSeries(series.time[is_kept], series.value[is_kept])
+    broken = replace(recorded, measured={**recorded.measured, channel: kept})
+    (setup,) = Hypothesis(walk.DEVICE, (), ()).build_setups(np.zeros(0), [recorded])
+    whole, rest = (compute_walk_residual_series(each, setup) for each in (recorded, broken))
+    for name, residual in rest.items():
+        assert 0.85 * len(whole[name].time) < len(residual.time) < len(whole[name].time)
+        assert not ((residual.time > 1.26) & (residual.time < 1.49)).any()
+        assert np.abs(residual.value).max() < 1.5 * np.abs(whole[name].value).max()
 
 
 def test_stiffer_return_spring_is_missing_in_the_equation_of_the_ankle(simulator: Simulator) -> None:

@@ -24,6 +24,7 @@ from klute_sim.diagnosis.localization.device_equations import (
     count_smoothed_samples,
     find_unlimited_samples,
 )
+from klute_sim.diagnosis.noise.repeats import has_sample_near
 from klute_sim.gait.replay.rollout import ReplayInputs
 from klute_sim.laws import foot as law
 from klute_sim.laws.foot import Foot, FootInputs
@@ -131,8 +132,8 @@ def _compute_segment_residuals(
 def divide_walk(experiment: GaitExperiment, setup: SimulationSetup) -> Iterator[WalkSegment]:
     """Yield the parts without gaps of ``experiment``, simulated with ``setup``; none without a measured ankle angle.
 
-    Faster channels are interpolated to the samples of the ankle angle. The motion of the limb in its socket is
-    neglected in measured and simulated channels alike.
+    Other channels are interpolated to the samples of the ankle angle, except where they have a gap. The motion of the
+    limb in its socket is neglected in measured and simulated channels alike.
     """
     if "ankle_angle" not in experiment.measured:
         return
@@ -142,6 +143,7 @@ def divide_walk(experiment: GaitExperiment, setup: SimulationSetup) -> Iterator[
     grid = experiment.start_time + experiment.dt * np.arange(len(experiment.command))
     clock = experiment.measured["ankle_angle"].time
     interval = float(np.median(np.diff(clock)))
+    clock = clock[np.all([has_sample_near(series.time, clock) for series in experiment.measured.values()], axis=0)]
     for time in np.split(clock, 1 + np.flatnonzero(np.diff(clock) > MAX_GAP * interval)):
         if len(time) <= count_smoothed_samples(interval):
             continue

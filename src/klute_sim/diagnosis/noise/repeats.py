@@ -144,7 +144,7 @@ def align_repeats(
         ]
         clock = max(times, key=lambda t: float(np.median(np.diff(t))) if len(t) > 1 else 0.0)
         common = clock[(clock >= max(t[0] for t in times)) & (clock <= min(t[-1] for t in times))]
-        common = common[np.all([_has_sample_near(t, common) for t in times], axis=0)]
+        common = common[np.all([has_sample_near(t, common) for t in times], axis=0)]
         if len(common) > MIN_COMMON_SAMPLES:
             rows = []
             for k, t in zip(repeats, times, strict=True):
@@ -165,7 +165,7 @@ def find_nearest(time: Array, target_times: Array) -> NDArray[np.intp]:
     return np.searchsorted(0.5 * (time[1:] + time[:-1]), target_times)
 
 
-def _has_sample_near(time: Array, target_times: Array) -> Mask:
+def has_sample_near(time: Array, target_times: Array) -> Mask:
     """Return whether ``time`` has an entry within one sampling interval of each of ``target_times`` (m,).
 
     Samples that are not compared leave gaps, at contact changes of a walk at other phases in each repeat.
