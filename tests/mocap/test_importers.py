@@ -188,10 +188,15 @@ def test_clipped_hip_is_reported(tmp_path: Path) -> None:
 
 def test_plate_offset_is_removed_and_reported(tmp_path: Path) -> None:
     paths = write_opensim(tmp_path)
-    edit_columns(paths[1], lambda label, s: s + 12.0 if label.endswith("1_vy") else s)
+    clean = reference_import.import_reference(paths, RAW)
+    edit_columns(paths[1], lambda label, s: s + 12.0 * label.endswith("1_vy") - 8.0 * label.endswith("1_vx"))
     imported = reference_import.import_reference(paths, RAW)
-    assert has_sentence(imported, "warnings", "grf.mot: plate 1 is 12.0 N on the empty plate")
+    assert has_sentence(
+        imported, "warnings", "grf.mot: plate 1 is 12.0 N on the empty plate, and the fore-aft load -8.0 N"
+    )
     assert imported.impulse_mass == pytest.approx(69.5, abs=0.3)
+    forward, expected = (each.strides["right"][0].channels["grf_forward"] for each in (imported, clean))
+    assert forward == pytest.approx(expected, abs=0.1)
 
 
 def test_sentences_name_the_file_of_the_plates_not_the_first_of_the_trial(tmp_path: Path) -> None:

@@ -46,12 +46,15 @@ def estimate_force_offset(vertical_force: Array) -> float:
 
 def estimate_plate_offset(vertical_force: Array, forward_force: Array) -> PlateOffset:
     """Return the offset of a plate from ``vertical_force`` and ``forward_force`` [N] at the same times, (n,) each."""
+    is_known = np.isfinite(vertical_force) & np.isfinite(forward_force)
+    vertical_force, forward_force = vertical_force[is_known], forward_force[is_known]
     is_unloaded = ~find_loaded_samples(vertical_force)
     vertical, forward = estimate_force_offset(vertical_force), 0.0
-    if is_unloaded.mean() > UNLOADED_FRACTION:
+    if is_unloaded.sum() > UNLOADED_FRACTION * len(is_unloaded):
         forward = float(np.median(forward_force[is_unloaded]))
-    is_small = abs(forward) <= MAX_FORWARD_OFFSET_FRACTION * float(np.percentile(vertical_force, HIGH_PERCENTILE))
-    return PlateOffset(vertical, forward if is_small else 0.0)
+        max_forward = MAX_FORWARD_OFFSET_FRACTION * float(np.percentile(vertical_force, HIGH_PERCENTILE))
+        forward = forward if abs(forward) <= max_forward else 0.0
+    return PlateOffset(vertical, forward)
 
 
 def find_loaded_samples(vertical_force: Array, threshold: float = CONTACT_FORCE_THRESHOLD) -> Mask:

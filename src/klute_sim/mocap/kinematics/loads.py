@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from klute_sim.datasets.foot_load import estimate_force_offset
+from klute_sim.datasets.foot_load import estimate_plate_offset
 from klute_sim.errors import InputError
 from klute_sim.gait.contacts import Contact, find_contacts
 from klute_sim.mocap.import_log import ImportLog
@@ -186,13 +186,14 @@ def _orient_upward(force: Array, up: int, description: str, file_name: str, log:
 
 
 def remove_offset(loads: GroundReaction, description: str, log: ImportLog) -> GroundReaction:
-    """Return ``loads`` without the vertical load of the empty plate."""
-    offset = estimate_force_offset(loads.vertical)
-    if abs(offset) > MAX_PLATE_OFFSET:
+    """Return ``loads`` without the forces of the empty plate."""
+    offset = estimate_plate_offset(loads.vertical, loads.forward)
+    if max(map(abs, offset)) > MAX_PLATE_OFFSET:
         log.add_warning(
-            f"{loads.file_name}: {description} is {offset:.1f} N on the empty plate; this offset was removed"
+            f"{loads.file_name}: {description} is {offset.vertical:.1f} N on the empty plate, and the fore-aft load "
+            f"{offset.forward:.1f} N; this offset was removed"
         )
-    return replace(loads, vertical=loads.vertical - offset)
+    return replace(loads, vertical=loads.vertical - offset.vertical, forward=loads.forward - offset.forward)
 
 
 def assign_to_feet(
