@@ -23,7 +23,8 @@ REGISTRATION_PREFIX = "registration."
 class Registration(NamedTuple):
     """Corrections of the registration in SI units; 0 where the set-up is right.
 
-    Each is added to what was measured; the delay is subtracted from the times of the plate.
+    Each is added to what was measured, except that the zero is subtracted from the angle, and the delay from the times
+    of the plate.
     """
 
     cop_to_ankle: float = 0.0
@@ -33,7 +34,7 @@ class Registration(NamedTuple):
     plate_gain: float = 0.0
     """Relative correction of all forces of the plate."""
     ankle_zero: float = 0.0
-    """Correction of the zero of the ankle angle, or of the inclination of the shank that it refers to [rad]."""
+    """Measured angle of a neutral ankle, through its zero or the inclination of the shank that it refers to [rad]."""
     plate_delay: float = 0.0
     """Time by which the plate is late against motion and device [s]."""
 
