@@ -178,12 +178,18 @@ def _is_near_twin(true: Sequence[str], reported: Sequence[str], verdict: Verdict
 
 
 def is_first_right(truth: Truth, verdict: Verdict) -> bool:
-    """Return whether the first effect is hidden or an alternative of a hidden one, or the registration corrected it."""
+    """Return whether the first named effect is hidden, or the registration corrected it.
+
+    Alternatives do not count: a verdict that lists many would be right whatever it names first.
+    """
     if verdict["verdict"] not in NAMING_VERDICTS:
         return verdict["verdict"] == "nothing-missing" and _is_corrected_by_registration(truth, verdict)
-    return format_effect(verdict["effects"][0]) in list_hidden_effects(truth) or list_hidden_effects(
-        truth
-    ) in list_effect_sets(verdict)
+    return format_effect(verdict["effects"][0]) in list_hidden_effects(truth)
+
+
+def is_wrong_alone(outcome: str) -> bool:
+    """Return whether a verdict with this ``outcome`` gives names, and none of its sets is the hidden one."""
+    return outcome in WRONG_OUTCOMES or outcome == "twin"
 
 
 def are_kinds_confused(truth: Truth, verdict: Verdict) -> bool:
