@@ -19,6 +19,8 @@ PHYSICAL_NAMES = {name for name, _ in EFFECTS}
 """Names of effects of devices, of which one device of a joint may have one alone."""
 JOINT_NAMES = {name for name, _ in JOINT_EFFECTS}
 """Names of effects of joints."""
+NUMBER_NAME = "number_error"
+"""Name of a wrong number of the device."""
 WRONG_OUTCOMES = {"wrong", "false-alarm"}
 """Outcomes with a false effect."""
 
@@ -193,9 +195,18 @@ def is_wrong_alone(outcome: str) -> bool:
 
 
 def are_kinds_confused(truth: Truth, verdict: Verdict) -> bool:
-    """Return whether an instrument fault was identified as physics or vice versa."""
-    identified = list_named_effects(verdict)
-    if list_hidden_effects(truth) in list_effect_sets(verdict):
+    """Return whether an instrument fault was identified as physics or vice versa.
+
+    A wrong number of the device is physics. A name where nothing is hidden is a false alarm and confuses no kinds.
+    """
+    hidden = list_hidden_effects(truth)
+    if not hidden or hidden in list_effect_sets(verdict):
         return False
-    is_fault = ["@" in name and name.partition("@")[0] not in PHYSICAL_NAMES for name in identified]
-    return bool((any(is_fault) and not truth["instruments"]) or (not all(is_fault) and not truth["effects"]))
+    is_fault = [_is_instrument_fault(name) for name in list_named_effects(verdict)]
+    hides_physics = len(truth["instruments"]) < len(hidden)
+    return bool((any(is_fault) and not truth["instruments"]) or (not all(is_fault) and not hides_physics))
+
+
+def _is_instrument_fault(name: str) -> bool:
+    effect, _, place = name.partition("@")
+    return bool(place) and effect != NUMBER_NAME and effect not in PHYSICAL_NAMES

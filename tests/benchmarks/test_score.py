@@ -109,6 +109,11 @@ def test_first_effect_and_kind_are_scored_separately() -> None:
     assert not is_first_right(both, verdict("unexplained", HYSTERESIS))
     assert are_kinds_confused(both, verdict("identified", HYSTERESIS, GAIN))
     assert are_kinds_confused(truth((), (GAIN,)), verdict("identified", HYSTERESIS))
+    assert are_kinds_confused(truth((), (GAIN,)), verdict("identified", WRONG_TURNS))  # a number of the device
+    assert are_kinds_confused(truth(numbers=[WRONG_TURNS]), verdict("identified", GAIN))
+    assert not are_kinds_confused(truth((HYSTERESIS,)), verdict("identified", WRONG_TURNS))
+    assert not are_kinds_confused(truth(numbers=[WRONG_TURNS]), verdict("identified", HYSTERESIS))
+    assert not are_kinds_confused(truth(), verdict("identified", GAIN))  # a false alarm
     assert not are_kinds_confused(
         truth((HYSTERESIS,)), verdict("indistinguishable", GAIN, alternatives=(["braid_hysteresis"],))
     )
