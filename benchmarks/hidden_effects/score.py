@@ -25,9 +25,14 @@ WRONG_OUTCOMES = {"wrong", "false-alarm"}
 """Outcomes with a false effect."""
 
 
+def get_place(effect: Mapping[str, Any]) -> Any:
+    """Return the channel, number or tendon that alone has the effect; None without any."""
+    return effect.get("channel") or effect.get("number") or effect.get("tendon")
+
+
 def format_effect(effect: Mapping[str, Any]) -> str:
     """Return the name of an effect, with its channel, key or tendon where only this one has it."""
-    place = effect.get("channel") or effect.get("number") or effect.get("tendon")
+    place = get_place(effect)
     return f"{effect['name']}@{place}" if place else str(effect["name"])
 
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmarks.hidden_effects.score import FLAGGED_VERDICTS, NAMING_VERDICTS, format_effect
+from benchmarks.hidden_effects.score import FLAGGED_VERDICTS, NAMING_VERDICTS, format_effect, get_place
 
 VERDICTS = ("nothing-missing", *sorted(NAMING_VERDICTS), *sorted(FLAGGED_VERDICTS))
 """Allowed values of ``verdict`` in an answer."""
@@ -109,7 +109,7 @@ def _iter_name_faults(
 ) -> Iterator[str]:
     """Yield what is wrong with each name."""
     for effect in effects:
-        fault = find_fault(effect["name"], effect.get("number") or effect.get("channel"), allowed)
+        fault = find_fault(effect["name"], get_place(effect), allowed)
         if fault:
             yield f"in 'effects', {fault}"
     for name in (name for names in alternatives for name in names if name not in UNKNOWN_TERMS):
