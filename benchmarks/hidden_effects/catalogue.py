@@ -217,6 +217,14 @@ does, but for the stretch of the cables (they take 93 % of the squared error of 
 joint leaves). Oil a little colder than its transition speed allows for is laminar flow: their sensitivities have a
 cosine of 0.98, and no change of the rig splits them. An orifice that loses flow is a wrong bore or oil density, slack
 is a wrong length of tendon or muscle, and a wide hose delays the pressure by the time that sound takes."""
+TWIN_NUMBERS: dict[str, tuple[str, ...]] = {
+    "discharge_loss": ("damper.bore_mm", "damper.oil_density_kg_m3"),
+    "tendon_slack": (),
+}
+"""Effect -> numbers of the device that are its exact twins if they are wrong, without those declared uncertain.
+
+Slack is the length of the tendon, which is uncertain. A longer muscle resembles it (cosine 0.96) only where nothing
+measures the length of the muscle."""
 KNOWN_VALVE: dict[str, Any] = {
     "name": "choked_valve",
     "form": "symmetric",

@@ -24,7 +24,7 @@ from typing import Any
 
 import pyarrow.csv
 import pyarrow.parquet
-from benchmarks.hidden_effects.catalogue import EXACT_TWINS
+from benchmarks.hidden_effects.catalogue import EXACT_TWINS, TWIN_NUMBERS
 from benchmarks.hidden_effects.generate import make_dataset
 from benchmarks.hidden_effects.plan import (
     ADVERSARY_BLOCK,
@@ -37,6 +37,7 @@ from benchmarks.hidden_effects.plan import (
 from benchmarks.hidden_effects.release.answers import WITHHELD_FILE
 from benchmarks.hidden_effects.release.scorer import NAMES_FILE, OPEN_FILE, SEALED_FILE, seal
 from benchmarks.hidden_effects.run import list_excluded
+from benchmarks.hidden_effects.score import NUMBER_NAME
 from rich.progress import track
 
 import klute_sim
@@ -85,11 +86,11 @@ def freeze(
             arguments = {key: value for key, value in spec.items() if key != "name"}
             truth = make_dataset(Path(scratch) / name, **arguments, truth=Path(scratch) / "truth.json")
             write_parquet_dataset(Path(scratch) / name, folder / "datasets" / name)
-        truths[name] = {**truth, "near_twins": [[a, b] for a, twins in EXACT_TWINS.items() for b in twins]}
+        truths[name] = {**truth, "near_twins": list_exact_twins()}
     (folder / SEALED_FILE).write_text(seal(truths), "ascii")
     if has_open_truths:
         (folder / OPEN_FILE).write_text(json.dumps(truths, indent=1) + "\n", "utf-8")
-    kinds = {effect.name: effect.kind for effect in select_effects()} | {"number_error": "number"}
+    kinds = {effect.name: effect.kind for effect in select_effects()} | {NUMBER_NAME: "number"}
     (folder / NAMES_FILE).write_text(json.dumps(kinds, indent=1) + "\n", "utf-8")
     (folder / WITHHELD_FILE).write_text(json.dumps(withhold_names(named, seed), indent=1) + "\n", "utf-8")
     write_devices(folder)
@@ -108,6 +109,16 @@ def freeze(
         card = card.replace(f"{{{field}}}", text)
     (folder / "DATA_CARD.md").write_text(card, "utf-8")
     return truths
+
+
+def list_exact_twins() -> list[list[str]]:
+    """Return the pairs of exact twins; a wrong number is one for each number that equals the effect."""
+    return [
+        [name, f"{twin}@{number}" if number else twin]
+        for name, twins in EXACT_TWINS.items()
+        for twin in twins
+        for number in (TWIN_NUMBERS[name] if twin == NUMBER_NAME else (None,))
+    ]
 
 
 def sample_block(block: str, count: int | None, seed: int) -> list[dict[str, Any]]:
