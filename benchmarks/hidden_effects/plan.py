@@ -47,6 +47,7 @@ BLOCK_SIZES = {
     "joint_outside": 24,
     "joint_imperfect": 12,
     "adversary": 24,
+    "known_valve": 24,
 }
 """Number of datasets of each block that gives sufficient statistics."""
 SPLIT_SEEDS = {"development": 101, "calibration": 707, "test": 909}
@@ -142,6 +143,13 @@ TWIN_CASES = (
     ("sensor_gain", "gain", "force"),
 )
 """Effects with a near twin on this rig."""
+KNOWN_VALVE_FORMS = tuple(
+    key
+    for key in EFFECTS
+    if key[0] not in VALVE_EFFECTS | {"choked_valve"} and {key[0], "choked_valve"} not in EXCLUSIVE_PAIRS
+)
+"""Effects that block ``known_valve`` hides: those of a device with a valve, but no leak. Without this block a declared
+valve would tell that a leak is hidden."""
 DatasetSpec = dict[str, Any]
 
 
@@ -270,6 +278,13 @@ def _block_content(block: str, index: int, rng: np.random.Generator | None) -> D
             return _draw_outside(index, rng, (2.0, 0.7)[index % 2])
         case "wrong_number":
             return {"numbers": [draw_number_error(index, rng, load_device())]}
+        case "known_valve":
+            turn, position = divmod(index, 3)
+            if position == 2:
+                return {"effects": [], "known": [KNOWN_VALVE]}
+            key = KNOWN_VALVE_FORMS[(5 * turn + position) % len(KNOWN_VALVE_FORMS)]
+            effect = draw_effect(EFFECTS, key, rng, (2.0, 8.0)[(turn + position) % 2])
+            return {"effects": [effect], "known": [KNOWN_VALVE]}
         case "logging":
             return {"logging": LOGGINGS[index % len(LOGGINGS)]}
         case "adversary":
