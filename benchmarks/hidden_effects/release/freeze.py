@@ -74,9 +74,23 @@ def freeze(
     """Write the release into the new folder ``folder``; return the ground truth by name.
 
     ``count`` limits the datasets of each block, to a random sample that depends on ``seed``. A release to develop on
-    also has its truths in the open. Raises FileExistsError when ``folder`` exists.
+    also has its truths in the open. An interrupted call leaves no folder. Raises FileExistsError when ``folder``
+    exists.
     """
-    folder.mkdir(parents=True)
+    if folder.exists():
+        raise FileExistsError(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".part-") as scratch:
+        part = Path(scratch) / "release"
+        truths = _write_release(part, blocks, count, seed, has_open_truths=has_open_truths)
+        part.rename(folder)
+    return truths
+
+
+def _write_release(
+    folder: Path, blocks: Sequence[str], count: int | None, seed: int, *, has_open_truths: bool
+) -> dict[str, Any]:
+    folder.mkdir()
     specs = [spec for block in blocks for spec in sample_block(block, count, seed)]
     truths: dict[str, Any] = {}
     order = sorted(specs, key=lambda spec: hashlib.sha256(spec["name"].encode()).hexdigest())  # names tell no block
