@@ -24,6 +24,19 @@ def list_archived_files(folder: Path) -> list[Path]:
     return [*truths, *verdicts]
 
 
+def find_verdicts(folder: Path) -> dict[str, Path]:
+    """Return dataset -> file of its verdict in ``folder``, without follow-ups.
+
+    Raises ValueError if verdicts of several codes are stored for a dataset, which would count more than once.
+    """
+    verdicts: dict[str, Path] = {}
+    for file in sorted((folder / "results").glob("*.json")):
+        match = RESULT_NAME.fullmatch(file.name)
+        if match and not match["second"] and verdicts.setdefault(match["dataset"], file) != file:
+            raise ValueError(f"{folder}: results of several codes for {match['dataset']}; keep those of one")
+    return verdicts
+
+
 def write_archive(folder: Path, archive: Path) -> int:
     """Write the truths and verdicts of ``folder`` to ``archive``; return the number of files."""
     files = list_archived_files(folder)

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from benchmarks.hidden_effects.archive import find_verdicts
 from benchmarks.hidden_effects.metrics import MIN_RELEVANT_SIZE
 from benchmarks.hidden_effects.score import format_effect, list_hidden_effects, residual_over_noise
 from scipy.optimize import minimize
@@ -101,10 +102,9 @@ def tabulate_reliability(coefficients: Sequence[float], events: Sequence[Event])
 def load_rows(folder: Path, seed: int) -> list[tuple[dict[str, Any], dict[str, Any]]]:
     """Return truth and verdict of every dataset of ``seed`` in ``folder``."""
     rows = []
-    for file in sorted((folder / "results").glob("*.json")):
-        truth_file = folder / f"{file.stem.rpartition('_')[0]}.truth.json"
-        if f"_{seed}_" in file.stem and truth_file.exists():
-            truth = json.loads(truth_file.read_text("utf-8"))
+    for name, file in find_verdicts(folder).items():
+        if f"_{seed}_" in name:
+            truth = json.loads((folder / f"{name}.truth.json").read_text("utf-8"))
             if truth["block"] not in NO_DECISION_BLOCKS:
                 rows.append((truth, json.loads(file.read_text("utf-8"))))
     return rows
@@ -117,7 +117,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, required=True, help="seed of the split")
     parser.add_argument("--write", action="store_true", help="fit the coefficients and write them into the package")
     arguments = parser.parse_args()
-    rows = load_rows(arguments.out, arguments.seed)
+    try:
+        rows = load_rows(arguments.out, arguments.seed)
+    except ValueError as error:
+        parser.error(str(error))
+    if not rows:
+        parser.error(f"{arguments.out / 'results'} has no verdict of seed {arguments.seed}")
     events = collect_events(rows)
     if arguments.write:
         calibration = {part: fit_logistic(e, MIN_COEFFICIENTS.get(part)) for part, e in events.items()}

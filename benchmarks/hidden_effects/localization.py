@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.hidden_effects.archive import find_verdicts
 from benchmarks.hidden_effects.device import load_device
 from benchmarks.hidden_effects.generate import draw_bench
 from benchmarks.hidden_effects.inputs import SAMPLE_INTERVAL, InputProgram
@@ -116,12 +117,14 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="folder of datasets and results")
     arguments = parser.parse_args()
     by_block: dict[str, list[tuple[int, int, int, int]]] = {}
-    for file in sorted((arguments.out / "results").glob("*.json")):
-        name = file.stem.rpartition("_")[0]
-        truth_file = arguments.out / f"{name}.truth.json"
-        if not truth_file.exists():  # a follow-up, or another method
-            continue
-        truth = json.loads(truth_file.read_text("utf-8"))
+    try:
+        verdicts = find_verdicts(arguments.out)
+    except ValueError as error:
+        parser.error(str(error))
+    if not verdicts:
+        parser.error(f"{arguments.out / 'results'} has no verdict")
+    for name, file in verdicts.items():
+        truth = json.loads((arguments.out / f"{name}.truth.json").read_text("utf-8"))
         if truth["block"] in SCORED_BLOCKS:
             verdict = json.loads(file.read_text("utf-8"))
             counts = count_cells(compute_true_map(truth, list(verdict["gap"])), verdict)

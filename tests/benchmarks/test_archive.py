@@ -6,7 +6,8 @@ import tarfile
 from pathlib import Path
 
 import pytest
-from benchmarks.hidden_effects.archive import write_archive
+from benchmarks.hidden_effects.archive import find_verdicts, write_archive
+from benchmarks.hidden_effects.calibrate import load_rows
 from benchmarks.hidden_effects.plan import plan_datasets
 from benchmarks.hidden_effects.run import BenchmarkRun, compute_code_digest
 
@@ -44,3 +45,11 @@ def test_results_of_two_codes_are_refused(folder: Path) -> None:
     (folder / f"results/clean_909_000_{OTHER_CODE}.json").write_text("{}")
     with pytest.raises(ValueError, match="2 codes"):
         BenchmarkRun(folder, 1, {}).load_finished(plan_datasets("clean", 1, 909)[0])
+    with pytest.raises(ValueError, match="several codes"):
+        load_rows(folder, 909)
+
+
+def test_follow_ups_and_other_methods_are_no_verdicts(folder: Path) -> None:
+    (folder / f"results/clean_909_000_second_{CODE}.json").write_text("{}")
+    assert find_verdicts(folder) == {"clean_909_000": folder / f"results/clean_909_000_{CODE}.json"}
+    assert len(load_rows(folder, 909)) == 1
