@@ -17,6 +17,7 @@ import argparse
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -182,10 +183,8 @@ class BenchmarkRun:
             )
             second_outcome = score_follow_up(truth, second_verdict)
         own_result = DatasetResult(name, truth, verdict, score_verdict(truth, verdict), second_outcome)
-        # All methods are compared with the same refitted device.
-        shared_entries = {"gap": verdict.get("gap", {}), "indistinguishable": verdict.get("indistinguishable", ())}
         return own_result, {
-            method: DatasetResult(name, truth, other, score_verdict(truth, {**other, **shared_entries}))
+            method: DatasetResult(name, truth, other, score_verdict(truth, share_refit(verdict, other)))
             for method, other in answers.items()
         }
 
@@ -247,6 +246,22 @@ class BenchmarkRun:
             return run_diagnosis(Path(folder) / "again", excluded, self._n_jobs)
 
 
+def share_refit(verdict: Verdict, answer: Verdict) -> Verdict:
+    """Return the ``answer`` of another method with the refitted device and the near twins of ``verdict``.
+
+    All methods are compared with the same refitted device; what is left with the effects that a method names is its
+    own. A channel that it does not predict keeps the misfit of the refit.
+    """
+    gap = {
+        channel: {
+            **entry,
+            "with_effects": answer.get("gap", {}).get(channel, {}).get("with_effects", entry["refitted"]),
+        }
+        for channel, entry in verdict.get("gap", {}).items()
+    }
+    return {**answer, "gap": gap, "indistinguishable": verdict.get("indistinguishable", ())}
+
+
 def get_rig(block: str) -> str:
     """Return the rig of ``block``."""
     return "gait" if block in GAIT_BLOCKS else "joint" if block in JOINT_BLOCKS else "bench"
@@ -281,7 +296,7 @@ def plan_run(blocks: Sequence[str], count: int | None, seed: int, shard: str = "
 
     ``count`` is the number of datasets of every block; None stands for :data:`BLOCK_SIZES`.
     """
-    part, parts = (int(x) for x in shard.split("/"))
+    part, parts = parse_shard(shard)
     planned = []
     for block in blocks:
         size = BLOCK_SIZES[block] if count is None else count
@@ -289,6 +304,15 @@ def plan_run(blocks: Sequence[str], count: int | None, seed: int, shard: str = "
             part - 1 :: parts
         ]
     return [spec for _, spec in sorted(planned, key=lambda entry: entry[0])]
+
+
+def parse_shard(text: str) -> tuple[int, int]:
+    """Return part and number of parts of ``I/N``; raises ValueError unless I is 1 to N."""
+    match = re.fullmatch(r"(\d+)/(\d+)", text)
+    part, parts = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not 1 <= part <= parts:
+        raise ValueError(f"shard {text!r} is no part I/N with I from 1 to N, such as 2/4")
+    return part, parts
 
 
 def main() -> None:
@@ -312,7 +336,10 @@ def main() -> None:
         parser.error(str(error))
     blocks = [block for block in arguments.block or BLOCK_SIZES if not (methods and get_rig(block) != "bench")]
     seed = SPLIT_SEEDS[arguments.split] if arguments.seed is None else arguments.seed
-    specs = plan_run(blocks, arguments.count, seed, arguments.shard)
+    try:
+        specs = plan_run(blocks, arguments.count, seed, arguments.shard)
+    except ValueError as error:
+        parser.error(str(error))
     console = Console(stderr=True)
     run = BenchmarkRun(arguments.out, max(1, (os.cpu_count() or 1) // arguments.at_once), methods)
     if arguments.finished:
@@ -330,13 +357,14 @@ def main() -> None:
             completed = sorted(results, key=lambda result: get_page_order(result[0]))
         rows = [row for row, _ in completed]
         others = {method: [method_results[method] for _, method_results in completed] for method in methods}
+    if not rows:
+        parser.error(
+            f"{arguments.out / 'results'} has no result of seed {seed} in these blocks; see --seed and --split"
+        )
     if arguments.page:
-        head = {
-            "split": arguments.split if arguments.seed is None else f"seed {seed}",
-            "code": compute_code_digest(),
-            "datasets": len(rows),
-            "at once": arguments.at_once,
-        }
+        head = {"split": arguments.split if arguments.seed is None else f"seed {seed}", "datasets": len(rows)}
+        if not arguments.finished:  # stored results may be of other code, on another machine
+            head |= {"code": compute_code_digest(), "at once": arguments.at_once}
         arguments.page.write_text(render_page(rows, others, head), "utf-8")
     print_report(rows, others, as_json=arguments.json)
 

@@ -1,10 +1,12 @@
 """Test the order in which a run of the benchmark works."""
 
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from benchmarks.hidden_effects.plan import BLOCK_SIZES
-from benchmarks.hidden_effects.run import plan_run
+from benchmarks.hidden_effects.run import main, plan_run, share_refit
+from benchmarks.hidden_effects.score import score_verdict
 
 BLOCKS = ("clean", "single", "pair", "defective")
 
@@ -21,3 +23,30 @@ def test_shards_are_the_whole_run() -> None:
     names = [spec["name"] for spec in plan_run(BLOCKS, None, seed=1)]
     shards = [spec["name"] for part in "12" for spec in plan_run(BLOCKS, None, seed=1, shard=f"{part}/2")]
     assert sorted(shards) == sorted(names) == sorted(set(names))
+
+
+@pytest.mark.parametrize("shard", ["0/4", "5/4", "1", "a/2"])
+def test_impossible_shard_is_refused(shard: str) -> None:
+    with pytest.raises(ValueError, match="I from 1 to N"):
+        plan_run(BLOCKS, None, seed=1, shard=shard)
+
+
+def test_folder_without_results_is_refused_with_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["run", str(tmp_path), "--seed", "77", "--finished"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "has no result of seed 77" in capsys.readouterr().err
+
+
+def test_another_method_has_the_shared_refit_and_its_own_remainder() -> None:
+    """A method that leaves a misfit is not excused because klute-sim leaves none."""
+    own = {"gap": {"force": {"refitted": 5.0, "with_effects": 1.0, "noise_floor": 1.0}}}
+    other = {"verdict": "identified", "gap": {"force": {"refitted": 6.0, "with_effects": 3.0, "noise_floor": 1.0}}}
+    assert share_refit(own, other)["gap"] == {"force": {"refitted": 5.0, "with_effects": 3.0, "noise_floor": 1.0}}
+    assert share_refit(own, {"verdict": "insufficient-data"})["gap"]["force"]["with_effects"] == 5.0
+    both = [{"name": "leak"}, {"name": "end_taper"}]
+    truth = {"effects": both, "instruments": [], "strangers": [], "size": 5.0}
+    answer = {**other, "effects": both[:1], "alternatives": []}
+    assert score_verdict(truth, share_refit(own, answer)) == "part"
