@@ -13,6 +13,7 @@ from benchmarks.hidden_effects.score import (
     Verdict,
     are_kinds_confused,
     is_first_right,
+    is_wrong_alone,
     list_effect_sets,
     list_hidden_effects,
     residual_over_noise,
@@ -316,8 +317,7 @@ def _is_kind_confused(row: DatasetResult) -> bool:
 
 
 def _is_wrong_alone(row: DatasetResult) -> bool:
-    """Return whether the verdict gives names, and none of its sets is the hidden one."""
-    return _is_wrong(row) or row.outcome == "twin"
+    return is_wrong_alone(row.outcome)
 
 
 def _select_catalogued(rows: Iterable[DatasetResult]) -> list[DatasetResult]:

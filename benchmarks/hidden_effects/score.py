@@ -88,14 +88,14 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
 
     ``right``, ``twin``, ``loose``, ``part``, ``absorbed``, ``missed``, ``flagged``, ``wrong`` or ``false-alarm``.
 
-    *right*: exactly the hidden effects were identified, or an `indistinguishable` verdict lists them among at most as
-    many sets as there are near twins (*loose*: among more); for clean data, nothing is missing; for defective data and
-    for an imperfect law without an effect, no effect was identified. Also right: the verdict is `nothing-missing`, and
-    the interval of the registration number that equals the hidden fault contains its size. Effects outside of the
-    catalogue have to be *flagged*: no effect was identified, or a data-driven term is one of several sets. *twin*: a
-    near twin was identified instead. *part*: only some of several effects were identified. *absorbed*: effects were not
-    identified because the uncertain device numbers, within their uncertainty, reproduce them, or wrong numbers were not
-    because their size is that small. *wrong*: any other identified effect.
+    *right*: exactly the hidden effects were identified, or an `indistinguishable` verdict lists them among at most two
+    sets, or among one more than there are near twins (*loose*: among more); for clean data, nothing is missing; for
+    defective data and for an imperfect law without an effect, no effect was identified. Also right: the verdict is
+    `nothing-missing`, and the interval of the registration number that equals the hidden fault contains its size.
+    Effects outside of the catalogue have to be *flagged*: no effect was identified, or a data-driven term is one of
+    several sets. *twin*: a near twin was identified instead. *part*: only some of several effects were identified.
+    *absorbed*: effects were not identified because the uncertain device numbers, within their uncertainty, reproduce
+    them, or wrong numbers were not because their size is that small. *wrong*: any other identified effect.
 
     Where the truth lists what is ``present`` beside the hidden effects, these names count neither for nor against a
     verdict; without a hidden effect one of its sets has to consist of them alone, or nothing is identified.
@@ -109,7 +109,7 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     if truth.get("defect"):
         return "false-alarm" if identified else "right"
     if not hidden and truth.get("law_error"):
-        return "false-alarm" if identified else "right"
+        return "false-alarm" if identified else ("flagged" if kind == "insufficient-data" else "right")
     if not hidden and "present" in truth:
         return "right" if [] in effect_sets else "false-alarm"
     if not hidden:

@@ -19,7 +19,7 @@ from benchmarks.hidden_effects.device import load_device as load_bench_device
 from benchmarks.hidden_effects.generate import draw_bench
 from benchmarks.hidden_effects.release import freeze as release
 from benchmarks.hidden_effects.release.answers import Allowed, list_faults
-from benchmarks.hidden_effects.release.scorer import compute_wilson_interval, read_allowed, score_answer, seal, unseal
+from benchmarks.hidden_effects.release.scorer import read_allowed, seal, unseal
 from benchmarks.hidden_effects.score import format_effect
 from benchmarks.hidden_effects.set_up import NUMBER_ERRORS
 
@@ -404,13 +404,6 @@ def test_uncertain_numbers_are_never_the_hidden_ones() -> None:
         assert all(abs(base[key] / device[key] - 1.0) <= 2.0 * share for key, share in RELATIVE_UNCERTAINTIES.items())
 
 
-def test_declared_effect_is_no_answer() -> None:
-    """As the card says of the effects of a device file."""
-    truth = {"block": "single", "size": 2.0, "effects": [{"name": "leak"}], "known": [{"name": "choked_valve"}]}
-    answer = {"verdict": "identified", "effects": [{"name": "choked_valve"}, {"name": "leak"}], "alternatives": []}
-    assert score_answer("d", truth, answer).outcome == "wrong"
-
-
 def test_laws_of_the_card_are_those_of_the_program() -> None:
     names: dict[str, Any] = {}
     exec((release.HERE / "data_card.md").read_text("utf-8").split("```python\n")[3].split("```")[0], names)
@@ -438,19 +431,3 @@ def test_card_defines_every_fault_of_an_instrument() -> None:
     card = (release.HERE / "data_card.md").read_text("utf-8")
     faults = [effect.name for effect in release.select_effects() if effect.kind == "instrument"]
     assert re.findall(r"(?m)^\| `(\w+)` \| [zτ]", card) == faults
-
-
-@pytest.mark.parametrize(("size", "outcome"), [(0.7, "missed"), (0.5, "absorbed")])
-def test_silence_about_a_wrong_number_is_right_only_without_influence(size: float, outcome: str) -> None:
-    truth = {"block": "wrong_number", "size": size, "numbers": [{"name": "number_error", "number": "muscle.c10_kpa"}]}
-    silent = score_answer("d", truth, {"verdict": "nothing-missing", "effects": [], "alternatives": []})
-    assert silent.outcome == outcome
-    effects = [{"name": "number_error", "number": "muscle.c10_kpa"}]
-    named = score_answer("d", truth, {"verdict": "identified", "effects": effects, "alternatives": []})
-    assert named.outcome == "right"
-
-
-def test_wilson_interval() -> None:
-    """Newcombe 1998 (Stat Med 17:857): 81 of 263 gives 0.2553 to 0.3662."""
-    assert compute_wilson_interval(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
-    assert compute_wilson_interval(0, 10)[0] == 0.0

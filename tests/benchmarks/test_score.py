@@ -81,6 +81,8 @@ def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
         (truth((FRICTION,)), verdict("indistinguishable", GAIN, alternatives=(["joint_friction@elbow"],)), "right"),
         (truth(defect="dead_channel"), verdict("insufficient-data"), "right"),
         (truth(defect="dead_channel"), verdict("identified", GAIN), "false-alarm"),
+        (truth(law_error={"fraction": 0.03}), verdict("unexplained"), "right"),
+        (truth(law_error={"fraction": 0.03}), verdict("insufficient-data"), "flagged"),
     ],
 )
 def test_verdict_scores(hidden: dict, found: dict, outcome: str) -> None:

@@ -24,6 +24,7 @@ from benchmarks.hidden_effects.score import (
     WRONG_OUTCOMES,
     is_first_right,
     is_out_of_catalogue,
+    is_wrong_alone,
     list_effect_sets,
     list_hidden_effects,
     score_verdict,
@@ -96,14 +97,13 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
         return a.outcome == "right"
 
     def is_best(a: ScoredAnswer) -> bool:
-        is_silent = a.answer["verdict"] == "insufficient-data"
-        return a.outcome == "flagged" and not is_silent if is_out_of_catalogue(a.truth) else a.outcome == "right"
+        return a.answer["verdict"] == "unexplained" if is_out_of_catalogue(a.truth) else a.outcome == "right"
 
     def is_wrong(a: ScoredAnswer) -> bool:
         return a.outcome in WRONG_OUTCOMES
 
-    def is_wrong_alone(a: ScoredAnswer) -> bool:
-        return is_wrong(a) and a.answer["verdict"] != "indistinguishable"
+    def is_alone(a: ScoredAnswer) -> bool:
+        return is_wrong_alone(a.outcome)
 
     blocks = sorted({a.truth["block"] for a in answers})
     return [
@@ -121,16 +121,16 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
         count(
             "outside the catalogue: unexplained, or absorbed",
             ("outside",),
-            lambda a: a.outcome in ("flagged", "absorbed") and a.answer["verdict"] != "insufficient-data",
+            lambda a: is_best(a) or a.outcome == "absorbed",
         ),
-        count("outside the catalogue, faint: a wrong name alone", ("faint_outside",), is_wrong_alone, False),
-        count("a form outside the catalogue: a wrong name alone", ("wrong_form",), is_wrong_alone, False),
+        count("outside the catalogue, faint: a wrong name alone", ("faint_outside",), is_alone, False),
+        count("a form outside the catalogue: a wrong name alone", ("wrong_form",), is_alone, False),
         count(
             "wrong number: in a set, or without influence",
             ("wrong_number",),
             lambda a: a.outcome in ("right", "loose", "absorbed"),
         ),
-        count("wrong number: a wrong name alone", ("wrong_number",), is_wrong_alone, False),
+        count("wrong number: a wrong name alone", ("wrong_number",), is_alone, False),
         count(
             "imperfect law: names right", ("imperfect",), is_right, selects=lambda a: bool(list_hidden_effects(a.truth))
         ),
