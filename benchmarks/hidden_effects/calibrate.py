@@ -1,7 +1,7 @@
 """Calibrate the probabilities of verdicts, and measure how reliable they are.
 
-    python -m benchmarks.hidden_effects.calibrate OUT --seed 707 --write     # coefficients from one split
-    python -m benchmarks.hidden_effects.calibrate OUT --seed 909             # reliability on another
+    python -m benchmarks.hidden_effects.calibrate OUT --seeds 1313 1515 1616 --write     # coefficients
+    python -m benchmarks.hidden_effects.calibrate OUT --seeds 2121                       # reliability on another seed
 
 OUT holds results of :mod:`benchmarks.hidden_effects.run`. An event is a name of a verdict, which is true if it is
 hidden, or the statement that nothing is missing, which is true if nothing as large as the noise is hidden: less than
@@ -99,11 +99,11 @@ def tabulate_reliability(coefficients: Sequence[float], events: Sequence[Event])
     yield f"Brier score {brier:.4f} of {len(events)} events, {int(is_true.sum())} true."
 
 
-def load_rows(folder: Path, seed: int) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Return truth and verdict of every dataset of ``seed`` in ``folder``."""
+def load_rows(folder: Path, seeds: Sequence[int]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Return truth and verdict of every dataset of ``seeds`` in ``folder``."""
     rows = []
     for name, file in find_verdicts(folder).items():
-        if f"_{seed}_" in name:
+        if any(f"_{seed}_" in name for seed in seeds):
             truth = json.loads((folder / f"{name}.truth.json").read_text("utf-8"))
             if truth["block"] not in NO_DECISION_BLOCKS:
                 rows.append((truth, json.loads(file.read_text("utf-8"))))
@@ -114,25 +114,26 @@ def main() -> None:
     """Fit or evaluate the calibration and print the reliability."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder of datasets and results")
-    parser.add_argument("--seed", type=int, required=True, help="seed of the split")
+    parser.add_argument("--seeds", type=int, nargs="+", required=True, help="seeds of the datasets")
     parser.add_argument("--write", action="store_true", help="fit the coefficients and write them into the package")
     arguments = parser.parse_args()
+    words = f"seed{'s' * (len(arguments.seeds) > 1)} {', '.join(map(str, arguments.seeds))}"
     try:
-        rows = load_rows(arguments.out, arguments.seed)
+        rows = load_rows(arguments.out, arguments.seeds)
     except ValueError as error:
         parser.error(str(error))
     if not rows:
-        parser.error(f"{arguments.out / 'results'} has no verdict of seed {arguments.seed}")
+        parser.error(f"{arguments.out / 'results'} has no verdict of {words}")
     events = collect_events(rows)
     if arguments.write:
         calibration = {part: fit_logistic(e, MIN_COEFFICIENTS.get(part)) for part, e in events.items()}
-        source = {"benchmark": "hidden_effects", "seed": arguments.seed, "datasets": len(rows)}
+        source = {"benchmark": "hidden_effects", "seeds": arguments.seeds, "datasets": len(rows)}
         counts = {f"{part}_events": len(part_events) for part, part_events in events.items()}
         file = Path(probability.__file__).with_name(probability.CALIBRATION_FILE)
         file.write_text(json.dumps({**source, **counts, **calibration}, indent=1) + "\n", "utf-8")
         probability.load_calibration.cache_clear()
     for part, part_events in events.items():
-        print(f"{part}, {len(rows)} datasets of seed {arguments.seed}:")
+        print(f"{part}, {len(rows)} datasets of {words}:")
         print("\n".join(tabulate_reliability(probability.load_calibration()[part], part_events)))
 
 

@@ -46,10 +46,10 @@ def test_results_of_two_codes_are_refused(folder: Path) -> None:
     with pytest.raises(ValueError, match="2 codes"):
         BenchmarkRun(folder, 1, {}).load_finished(plan_datasets("clean", 1, 909)[0])
     with pytest.raises(ValueError, match="several codes"):
-        load_rows(folder, 909)
+        load_rows(folder, [909])
 
 
 def test_follow_ups_and_other_methods_are_no_verdicts(folder: Path) -> None:
     (folder / f"results/clean_909_000_second_{CODE}.json").write_text("{}")
     assert find_verdicts(folder) == {"clean_909_000": folder / f"results/clean_909_000_{CODE}.json"}
-    assert len(load_rows(folder, 909)) == 1
+    assert len(load_rows(folder, [909])) == 1

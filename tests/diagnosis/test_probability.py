@@ -44,7 +44,7 @@ def test_the_calibration_separates_verdicts() -> None:
         compute_logistic(calibration["nothing_missing"], list_nothing_features(verdict, 2.0))
         for verdict in ("nothing-missing", "identified")
     )
-    assert claimed > 0.5 > 0.1 > denied
+    assert claimed > 0.9 > 0.2 > denied
     assert list_nothing_features("nothing-missing", 0.2) == list_nothing_features("nothing-missing", 5.0)
     faint, strong = (
         compute_logistic(calibration["nothing_missing"], list_nothing_features("identified", size))
