@@ -20,6 +20,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.recording_faults import (
     find_copied_pressures,
     find_drifting_repeats,
+    limit_buckled_forces,
     limit_forces_at_zero,
     suspect_absolute_pressures,
 )
@@ -110,6 +111,33 @@ def test_force_that_ends_at_zero_is_limited(force: np.ndarray, is_limited: bool)
     assert ("never negative" in sentence) is is_limited
     stated = replace(trial, limits={"force": SensorLimits(-5.0, np.inf)})
     assert limit_forces_at_zero([stated], [experiment]) == ([experiment], "")
+
+
+@pytest.mark.parametrize(
+    ("force", "simulated", "is_limited"),
+    [
+        pytest.param(np.maximum(FORCE, 0.0), FORCE, True, id="buckles where the simulated one pushes"),
+        pytest.param(FORCE, FORCE, False, id="pushes as simulated"),
+        pytest.param(0.5 * FORCE, FORCE, False, id="pushes half as much"),
+        pytest.param(np.maximum(FORCE, 0.0), np.maximum(FORCE, 0.0), False, id="neither pushes"),
+        pytest.param(np.maximum(FORCE, 0.0) - 4.0, FORCE, False, id="slack with an offset of the load cell"),
+        pytest.param(np.abs(FORCE), FORCE, False, id="pulls where the simulated one pushes"),
+    ],
+)
+def test_force_of_a_muscle_that_buckles_ends_at_the_noise(
+    force: np.ndarray, simulated: np.ndarray, is_limited: bool
+) -> None:
+    """The simulated bare muscle pushes between its clamps; the reading of a slack one is zero and noise."""
+    plain = make_trial(0.005, np.full(120, 2e5))
+    noisy = force + np.random.default_rng(3).normal(0.0, 2.0, len(force))
+    trial = replace(plain, measured={"force": plain.measured["force"]._replace(value=noisy)})
+    experiment = prepare_bench_trial(trial, "fit")
+    is_compared = np.isin(noisy, experiment.measured["force"].value)
+    residuals = [{"force": (noisy - simulated)[is_compared]}]
+    (limited,), sentence = limit_buckled_forces([experiment], [experiment], residuals, 2.0)
+    assert limited.limits == ({"force": SensorLimits(8.0, np.inf)} if is_limited else {})
+    assert limited.measured["force"].value.min() >= 8.0 or not is_limited
+    assert ("buckles" in sentence) is is_limited
 
 
 def test_pressure_that_is_the_command_is_not_used(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from klute_sim.diagnosis.recording_faults import (
     describe_uncompared_channels,
     find_copied_pressures,
     find_drifting_repeats,
+    limit_buckled_forces,
     limit_forces_at_zero,
 )
 from klute_sim.types import Array
@@ -85,6 +86,10 @@ def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simu
     usable = remove_channels(usable, contradicted)
     remarks += dict.fromkeys(contradicted.values())
     remarks += [drift.sentence for drift in find_drifting_repeats(examined, residuals)]
+    noise = estimate_noise_from_repeats(examined, residuals)
+    if "force" in noise:
+        usable, buckling = limit_buckled_forces(usable, examined, residuals, noise["force"].std)
+        remarks += filter(None, [buckling])
 
     unrepeated = find_unrepeated_channels([e for e in usable if e.use == "fit"])
     usable = remove_channels(usable, pair_trials_with_channels(usable, unrepeated))

@@ -31,6 +31,13 @@ THRESHOLD_PRESSURE = "threshold_pressure"
 """Effect with the trace of absolute pressures."""
 MIN_ZERO_FORCES = 10
 """Smallest number of forces that equal zero where a channel without negative ones ends there (assumed)."""
+MIN_PUSH, MAX_BUCKLED_FORCE, MAX_MEAN_BUCKLED_FORCE = 2.0, 4.0, 0.5
+"""Smallest push of the simulated muscle, largest reading of a buckled one and largest mean of these readings, in
+standard deviations of the noise (assumed)."""
+MIN_BUCKLED_FRACTION = 0.95
+"""Fraction of the samples in which the simulated muscle pushes that have no larger readings (assumed)."""
+MAX_LIMITED_FRACTION = 0.9
+"""Largest fraction of the samples of a force that may end at zero; more would leave too few for a fit."""
 MAX_ORDER_PROBABILITY = 0.02
 """Largest probability that exchangeable repeats have the observed order by chance (assumed)."""
 
@@ -86,6 +93,45 @@ def limit_forces_at_zero(trials: Sequence[Trial], experiments: Sequence[Experime
         "samples say only that the force is not positive. State [limits] force if it ends elsewhere."
     )
     return [replace(e, limits={**e.limits, **limits}) for e in experiments], sentence
+
+
+def limit_buckled_forces(
+    experiments: Sequence[Experiment], examined: Sequence[Experiment], residuals: Residuals, noise_std: float
+) -> tuple[list[Experiment], str]:
+    """Return ``experiments`` whose force ends at zero if a muscle of ``examined`` buckles, and a sentence; '' if not.
+
+    A bare muscle between clamps buckles where the simulated one pushes. Its load cell reads zero and noise then, which
+    other effects imitate. ``residuals`` are those of the declared device, ``noise_std`` [N] is from the repeats.
+    """
+    known = [(e, row["force"]) for e, row in zip(examined, residuals, strict=True) if "force" in row]
+    if not known or any("force" in e.limits for e in experiments):
+        return list(experiments), ""
+    limit = MAX_BUCKLED_FORCE * noise_std
+    forces = np.concatenate([e.measured["force"].value for e, _ in known])
+    pushes = forces - np.concatenate([residual for _, residual in known]) < -MIN_PUSH * noise_std
+    n_pushed = int(pushes.sum())
+    if n_pushed < MIN_ZERO_FORCES or np.mean(forces < limit) > MAX_LIMITED_FRACTION:
+        return list(experiments), ""
+    is_zero = abs(forces[pushes].mean()) <= MAX_MEAN_BUCKLED_FORCE * noise_std
+    if not is_zero or np.mean(np.abs(forces[pushes]) <= limit) < MIN_BUCKLED_FRACTION:
+        return list(experiments), ""
+    limited = [e if "force" not in e.measured else _limit_force(e, SensorLimits(limit, math.inf)) for e in experiments]
+    sentence = (
+        f"In {n_pushed} samples the simulated muscle pushes, and the measured one has no force: it buckles or its "
+        f"clamp is slack. Samples of 'force' below {limit:.3g} N therefore say only that the force is no larger. State "
+        "[limits] force if it ends elsewhere."
+    )
+    return limited, sentence
+
+
+def _limit_force(experiment: Experiment, limits: SensorLimits) -> Experiment:
+    force = experiment.measured["force"]
+    clipped = force._replace(value=np.clip(force.value, *limits))
+    return replace(
+        experiment,
+        measured={**experiment.measured, "force": clipped},
+        limits={**experiment.limits, "force": limits},
+    )
 
 
 def describe_copied_pressures(names: Sequence[str], n_trials: int) -> str:
