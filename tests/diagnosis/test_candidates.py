@@ -68,11 +68,30 @@ def test_quantized_channels_are_named_as_any_other_candidate(
     assert list(select_quantizers(quantizers, only, exclude)) == named
 
 
-def test_quantized_channel_may_be_excluded_by_its_name(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_candidates_that_are_judged_apart_may_be_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Quantisation and the number of one specimen, as verdict.json names them."""
     monkeypatch.setattr(candidates, "_list_all_terms", lambda *_: [FOR_ALL])
-    data = cast(Any, SimpleNamespace(noise={"force": None}))
-    assert candidates.list_candidate_terms(data, cast(Any, None), exclude=("quantisation@force",)) == [FOR_ALL]
-    with pytest.raises(InputError, match="no candidate"):
-        candidates.list_candidate_terms(data, cast(Any, None), exclude=("quantisation@pressure",))
+    own = {"a": PAIR, "b": PAIR.with_changes({"tendon.slack_length_mm": 101.0})}
+    experiments = [SimpleNamespace(specimen=name, device=device) for name, device in own.items()]
+    data = cast(Any, SimpleNamespace(noise={"force": None}, experiments=experiments))
+    dataset = cast(Any, SimpleNamespace(rig="bench", device=PAIR))
+    names = ("quantisation@force", "number_error@tendon.slack_length_mm@b")
+    for name in names:
+        assert candidates.list_candidate_terms(data, dataset, exclude=(name,)) == [FOR_ALL]
+        assert candidates.list_candidate_terms(data, dataset, only=(name,)) == []
+    for name in ("quantisation@pressure", "number_error@tendon.slack_length_mm@c"):
+        with pytest.raises(InputError, match="no candidate"):
+            candidates.list_candidate_terms(data, dataset, exclude=(name,))
+
+
+@pytest.mark.parametrize(("flexor_leaks", "extensor_leaks"), [(True, False), (False, True), (True, True)])
+def test_effect_may_be_tested_where_one_device_lacks_it(flexor_leaks: bool, extensor_leaks: bool) -> None:
+    leaking = parse_device(PAIR.content + b"\n[effects.leak]\nconductance_dm3_per_s_bar = 0.01\n", "leaking")
+    devices = {"flexor": leaking if flexor_leaks else PAIR, "extensor": leaking if extensor_leaks else PAIR}
+    mechanism = SimpleNamespace(devices=devices)
+    dataset = cast(Any, SimpleNamespace(rig="mjcf", device=devices["flexor"], model_values={}, mechanism=mechanism))
+    if flexor_leaks and extensor_leaks:
+        with pytest.raises(InputError, match="has effect 'leak' already"):
+            candidates.check_effect_names(dataset, ("leak",), ())
+    else:
+        candidates.check_effect_names(dataset, ("leak",), ())

@@ -89,11 +89,24 @@ def test_candidates_exclude_effects_of_the_device(fitted_data: tuple) -> None:
     with pytest.raises(InputError, match=r"'sensor_gain@froce' is no candidate.*did you mean 'sensor_gain@force'"):
         list_candidate_terms(weighted_data, data, exclude=("sensor_gain@froce",))
     with pytest.raises(InputError, match=r"no effect or number 'taper'.* numbers are named as 'muscle\.count'"):
-        check_effect_names(load_device("klute-3-4-pair"), ("taper",), ())
+        check_effect_names(data, ("taper",), ())
     content = load_device("klute-3-4-pair").content + b"\n[effects.end_taper]\ncone_ratio = 1.0\n"
     tapering = parse_device(content, "tapering")
     with pytest.raises(InputError, match=r"has effect 'end_taper' already.*effects\.end_taper\."):
-        check_effect_names(tapering, ("end_taper",), ())
+        check_effect_names(replace(data, device=tapering), ("end_taper",), ())
+
+
+def test_names_to_test_without_a_candidate_are_refused(fitted_data: tuple) -> None:
+    data, weighted_data, _ = fitted_data
+    with pytest.raises(InputError, match=r"'foot_stiffness' acts in gait only, and these data are of rig = 'bench'"):
+        check_effect_names(data, ("foot_stiffness",), ())
+    with pytest.raises(InputError, match="'joint_friction' acts on a mechanism only"):
+        check_effect_names(data, ("joint_friction",), ())
+    check_effect_names(data, (), ("foot_stiffness",))
+    for name in ("bladder", "mounting.neutral_muscle_ratio", "muscle.count"):  # built in, not here, a count
+        check_effect_names(data, (name,), ())
+        with pytest.raises(InputError, match=f"'{name}' is no candidate for these data"):
+            list_candidate_terms(weighted_data, data, only=(name, "end_taper"))
 
 
 def test_validation_trials_reject_effects_that_do_not_improve_them(fitted_data: tuple) -> None:

@@ -152,13 +152,13 @@ def test_excluded_and_existing_terms_are_not_candidates(with_hidden_term: tuple[
 
 def test_data_driven_term_is_not_a_candidate_effect(with_hidden_term: tuple[ForwardSelection, Fit]) -> None:
     device, data = load_device("klute-3-4-pair"), with_hidden_term[0].data
-    dataset = SimpleNamespace(device=device, uncertainties={}, model_values={})
+    dataset = SimpleNamespace(rig="bench", device=device, uncertainties={}, model_values={}, mechanism=None)
     assert not {term.effect for term in list_candidate_terms(data, dataset, exclude=("number_error",))} - set(
         catalogue.get_named_effects()
     )
     with pytest.raises(InputError, match="'unknown_force' is not a candidate effect: it is data-driven"):
-        check_effect_names(device, ("unknown_force",), ())
-    check_effect_names(device, (), ("unknown_force",))
+        check_effect_names(dataset, ("unknown_force",), ())
+    check_effect_names(dataset, (), ("unknown_force",))
 
 
 def test_formula_uses_units() -> None:

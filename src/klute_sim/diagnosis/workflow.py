@@ -81,7 +81,7 @@ def diagnose(
     Raises InputError when the rig of the dataset cannot simulate its trials.
     """
     options = options or DiagnosisOptions()
-    check_effect_names(dataset.device, options.only, options.exclude, dataset.model_values)
+    check_effect_names(dataset, options.only, options.exclude)
     partition = split_dataset(dataset)
     simulator, cache = Simulator(options.n_jobs), FitCache(f"{dataset.digest} {dataset.device.digest} {options}")
     try:

@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 
+from klute_sim.datasets.channels import RigName
 from klute_sim.datasets.dataset import Dataset
 from klute_sim.device.device import Device
 from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
@@ -30,35 +31,45 @@ SPECIMEN_NUMBERS = (
     "tendon.slack_length_mm",
 )
 """Numbers that may be wrong for one specimen only (assumed: those that are made or measured specimen by specimen)."""
+RIG_OF_KIND: Mapping[str, tuple[RigName, str]] = {"body": ("gait", "in gait"), "mechanism": ("mjcf", "on a mechanism")}
+"""Kind of an effect that one rig alone can show -> this rig, and where that is."""
 
 
-def check_effect_names(
-    device: Device, only: Sequence[str], exclude: Sequence[str], model_numbers: Iterable[str] = ()
-) -> None:
-    """Raise InputError for an unknown effect or number, and for an effect in ``only`` that ``device`` cannot lack.
+def check_effect_names(dataset: Dataset, only: Sequence[str], exclude: Sequence[str]) -> None:
+    """Raise InputError for an unknown effect or number, and for an effect in ``only`` that ``dataset`` cannot show.
 
-    ``model_numbers`` are the names of the numbers of a mechanism's model.
+    On a mechanism, it is enough that one of the devices may lack the effect.
     """
-    numbers = {NUMBER_ERROR_NAME, *device.spec.collect_values(), *model_numbers}
+    devices = {} if dataset.mechanism is None else dataset.mechanism.devices
+    values = [*dataset.device.spec.collect_values(), *dataset.model_values]
     for name in (*only, *exclude):
         effect = name.partition("@")[0]
-        if effect not in numbers and effect not in catalogue.get_effects():
-            raise InputError(_describe_unknown_name(effect, [*device.spec.collect_values(), *model_numbers]))
+        if effect not in (NUMBER_ERROR_NAME, *values) and effect not in catalogue.get_effects():
+            raise InputError(_describe_unknown_name(effect, values))
     for name in (name.partition("@")[0] for name in only):
-        if name in numbers:
+        if name in (NUMBER_ERROR_NAME, *values):
             continue
         if name not in catalogue.get_named_effects():
             raise InputError(
                 f"'{name}' is not a candidate effect: it is data-driven, and fitted where no effect explains the data"
             )
-        if name in device.spec.effects:
-            raise InputError(
-                f"device '{device.name}' has effect '{name}' already, so it is not a candidate; remove it from the "
-                f'device file, or list its numbers under [uncertain] (as "effects.{name}.<number>") to refit them'
-            )
-        incompatibility = device.spec.find_incompatibility(name)
-        if incompatibility:
-            raise InputError(f"device '{device.name}': {incompatibility}")
+        rig, place = RIG_OF_KIND.get(catalogue.get_effects()[name].kind, (dataset.rig, ""))
+        if dataset.rig != rig:
+            raise InputError(f"effect '{name}' acts {place} only, and these data are of rig = '{dataset.rig}'")
+        obstacles = [_explain_obstacle(name, device) for device in [*devices.values()] or [dataset.device]]
+        if all(obstacles):
+            raise InputError(obstacles[0])
+
+
+def _explain_obstacle(name: str, device: Device) -> str:
+    """Return why ``device`` cannot lack the effect ``name``; '' where it can."""
+    if name in device.spec.effects:
+        return (
+            f"device '{device.name}' has effect '{name}' already, so it is not a candidate; remove it from the "
+            f'device file, or list its numbers under [uncertain] (as "effects.{name}.<number>") to refit them'
+        )
+    incompatibility = device.spec.find_incompatibility(name)
+    return f"device '{device.name}': {incompatibility}" if incompatibility else ""
 
 
 def _describe_unknown_name(name: str, numbers: Sequence[str]) -> str:
@@ -84,13 +95,24 @@ def list_candidate_terms(
 
     Numbers that may be wrong follow, those that are declared uncertain among them: they may be wrong by more than that
     (:func:`list_contradicted_numbers`). ``only`` and ``exclude`` are names of effects or numbers, or of an effect on
-    one channel, number or tendon (``sensor_gain@force``). Raises InputError for such a name without a candidate.
+    one channel, number or tendon (``sensor_gain@force``). Raises InputError for such a name without a candidate, and
+    for any name in ``only`` without one.
     """
     terms = _list_all_terms(data, dataset)
-    known = {term.qualified_name for term in [*terms, *map(make_quantization_term, data.noise)]}
+    # Quantisation and the numbers of single specimens are judged apart.
+    nameable = [*terms, *map(make_quantization_term, data.noise)]
+    if dataset.rig == "bench":
+        nameable += list_specimen_numbers(data.experiments, dataset.device)
+    known = {term.qualified_name for term in nameable}
     for name in (*only, *exclude):
         if "@" in name and name not in known:
             raise InputError(f"'{name}' is no candidate for these data; {suggest(name, known, 'see verdict.json')}")
+    for name in only:
+        if not any(_is_among(term, {name}) for term in nameable):
+            raise InputError(
+                f"'{name}' is no candidate for these data: no part or channel of them can show it, or the device has "
+                "it, or it is fitted, already; remove it from the names to test"
+            )
     return select_by_name(terms, only, exclude)
 
 
