@@ -15,6 +15,7 @@ from klute_sim.diagnosis.remarks import (
     describe_exceeded_tolerance,
     describe_excessive_commands,
     describe_refitted_numbers,
+    describe_tested_candidates,
     describe_undetermined_parameters,
 )
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
@@ -39,6 +40,15 @@ def test_commands_beyond_the_supply_are_stated_with_the_excess() -> None:
     (sentence,) = describe_excessive_commands([low, high, higher])
     assert f"commands of 2 of 3 trials exceed supply.pressure_bar = {supply:.3g} of the device" in sentence
     assert "by up to 2.5 bar in 'c'" in sentence
+
+
+def test_choice_of_candidates_is_repeated() -> None:
+    assert describe_tested_candidates((), ()) == []
+    (sentence,) = describe_tested_candidates(("sensor_gain@force", "leak"), ("number_error",))
+    assert "only sensor_gain@force, leak may be named, and number_error may not be named" in sentence
+    assert sentence.endswith("another cause may explain the data as well, and the probabilities do not count it.")
+    (sentence,) = describe_tested_candidates((), ("number_error",))
+    assert sentence.endswith("another cause may explain the data as well.")
 
 
 def test_change_of_an_uncertain_number_is_stated_from_two_standard_deviations_on() -> None:

@@ -26,6 +26,16 @@ MAX_COMMAND_RATIO = 1.02
 """Largest ratio of a command to the pressure of the supply that is no reason for a remark (assumed: a calibration)."""
 
 
+def describe_tested_candidates(only: Sequence[str], exclude: Sequence[str]) -> list[str]:
+    """Return a sentence about the candidates that the user chose by name or excluded; none without such names."""
+    clauses = [f"only {', '.join(only)} may be named"] if only else []
+    clauses += [f"{', '.join(exclude)} may not be named"] if exclude else []
+    if not clauses:
+        return []
+    sentence = f"By choice of the user {', and '.join(clauses)}: another cause may explain the data as well"
+    return [f"{sentence}, and the probabilities do not count it." if only else f"{sentence}."]
+
+
 def describe_excessive_commands(trials: Sequence[Trial]) -> list[str]:
     """Return a sentence about the commands that exceed the supply of their device; none without any.
 

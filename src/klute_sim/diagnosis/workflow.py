@@ -55,6 +55,7 @@ from klute_sim.diagnosis.remarks import (
     describe_excessive_commands,
     describe_quantization,
     describe_refitted_numbers,
+    describe_tested_candidates,
     describe_undetermined_parameters,
 )
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
@@ -184,6 +185,7 @@ def _run_workflow(
     evaluate_held_out(diagnosis, search.data)
     if diagnosis.verdict not in ("unexplained", "insufficient-data"):  # proxies show no effect
         diagnosis.reasons += describe_undetermined_parameters(fit, selected.confidence_intervals)
+    diagnosis.reasons += describe_tested_candidates(options.only, options.exclude)
     diagnosis.n_simulations = simulator.n_rollouts
     diagnosis.fitted_device = (
         dataset.device
