@@ -67,17 +67,18 @@ def propose_joint_experiment(
 
 
 def _read_settings(data: WeightedData) -> ProtocolSettings:
-    """Return mean pressure and largest difference of the commands of ``data``."""
+    """Return mean pressure and largest difference of the commands of ``data``, within the range of these."""
     rows = [
         np.stack(list(e.inputs.values()))[:, :: max(1, len(e.command) // 1000)]
         for e in data.experiments
         if isinstance(e, MechanismExperiment)
     ]
     commands = np.concatenate(rows, axis=1)
-    mean = float(commands.mean())
-    spread = commands[0] - (commands[1] if len(commands) > 1 else mean)
-    difference = float(np.abs(spread).max()) * (0.5 if len(commands) > 1 else 1.0)
-    return ProtocolSettings(mean, min(difference, mean), 0.0)
+    lowest, highest = max(0.0, float(commands.min())), float(commands.max())
+    spread = float(np.abs(commands[0] - commands[1]).max()) if len(commands) > 1 else highest - lowest
+    difference = 0.5 * min(spread, highest - lowest)
+    mean = min(max(float(commands.mean()), lowest + difference), highest - difference)
+    return ProtocolSettings(mean, difference, 0.0)
 
 
 def list_rig_changes(measured: Collection[str], tendons: Iterable[str]) -> list[RigChange]:
