@@ -69,6 +69,12 @@ def test_own_model_and_different_devices_get_their_files(tmp_path: Path) -> None
     assert "use" not in text.partition("[[trial]]")[2]  # without a trial to fit, the split decides
 
 
+def test_test_that_is_named_twice_is_planned_once() -> None:
+    plan = plan_joint_measurements(only=["steps", "sines", "steps"])
+    names = [trial["name"] for trial in plan.to_dict()["trials"]]
+    assert len(set(names)) == len(names) == 9
+
+
 def test_mistakes_are_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="'quick-release' needs a load"):
         plan_joint_measurements(only=["quick-release"])

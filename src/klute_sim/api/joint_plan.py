@@ -101,7 +101,7 @@ def plan_joint_measurements(
     devices = {name: to_device(entry) for name, entry in assign_devices(device, tendons).items()}
     if len(devices) not in (1, 2):
         raise InputError(f"{file.path} has {len(devices)} devices; a plan needs one, or two antagonists")
-    tests = only or (tuple(TESTS) if load is not None else TESTS_WITHOUT_LOAD)
+    tests = tuple(dict.fromkeys(only)) or (tuple(TESTS) if load is not None else TESTS_WITHOUT_LOAD)
     for test in tests:
         if load is None and test in TESTS and test not in TESTS_WITHOUT_LOAD:
             raise InputError(f"test '{test}' needs a load; give one, or plan only: {', '.join(TESTS_WITHOUT_LOAD)}")
