@@ -79,6 +79,7 @@ def test_command_files_equal_the_protocols(plan: tuple[Path, dict[str, object]])
 
 def test_readme_has_instructions(plan: tuple[Path, dict[str, object]]) -> None:
     text = (plan[0] / "README.txt").read_text("utf-8")
+    assert 'trusted = ["pressure"] into the [[trial]]' in text
     for name, protocol in PROTOCOLS.items():
         assert f"{name}.csv (" in text
         assert f"-> {name}_a.csv, {name}_b.csv\n" in text

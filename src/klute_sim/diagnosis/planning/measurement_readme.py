@@ -47,7 +47,9 @@ Effects that no command distinguishes
 -------------------------------------
 Some effects look alike under every command. A change of the rig distinguishes them:
 {rig_changes}
-Give a trial from another rig its own group, and describe the difference under [trial.device].
+Give a trial from another rig its own group. Put the readings of an instrument that is checked, or a second one, into
+the column of its channel, and write trusted = ["{checked}"] into the [[trial]]. Numbers of the device that differ go
+under [trial.device].
 
 Then run, in this folder: klute-sim diagnose .
 """
@@ -118,6 +120,7 @@ def format_readme(
         moving_part=_name_moving_part(device),
         held="length and pressure" if has_supply else "length",
         notes=_describe_clamping(device, programs),
+        checked="pressure" if device.spec.muscle else "force",
         rig_changes=MUSCLE_RIG_CHANGES if device.spec.muscle else PART_RIG_CHANGES,
     )
     absent = (*(() if has_supply else PRESSURE_LINES), *(() if device.spec.muscle else (MUSCLE_LENGTH_LINE,)))
