@@ -67,7 +67,7 @@ def test_effect_of_one_device_is_named_and_files_come_out(tmp_path: Path) -> Non
     assert effect.parameters["time_constant_s"].value == pytest.approx(0.06, rel=0.03)
     output = result.save(tmp_path / "out")
     verdict = json.loads((output / "verdict.json").read_text())
-    assert verdict["effects"][0]["tendon"] == "flexor"
+    assert verdict["effects"][0]["tendon"] == effect.tendon == "flexor"
     assert verdict["gap"]["angle_joint"]["with_effects"] < 1.15 * verdict["gap"]["angle_joint"]["noise_floor"]
     assert "pressure_lag" in load_device(output / "device-flexor.toml").spec.effects
     assert not load_device(output / "device-extensor.toml").spec.effects

@@ -60,6 +60,12 @@ class IdentifiedEffect:
     """Estimate of each parameter, by its key."""
     probability: float | None
     """Probability of the name, calibrated on the hidden-effect benchmark; None without repeats, or if data-driven."""
+    tendon: str | None = None
+    """Tendon of the only device of a mechanism that has the effect; None where all have it."""
+    part: str | None = None
+    """Joint or pulley of a mechanism that has the effect; None for other effects."""
+    specimen: str | None = None
+    """The only specimen whose number is wrong; None where that of all is."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -94,6 +100,9 @@ class DiagnosisResult(Printable):
                     for key, estimate in entry["parameters"].items()
                 },
                 probability=entry.get("probability"),
+                tendon=entry.get("tendon"),
+                part=entry.get("part"),
+                specimen=entry.get("specimen"),
             )
             for entry in self.to_dict()["effects"]
         ]

@@ -9,6 +9,7 @@ import numpy as np
 from klute_sim.diagnosis.discrepancy.sparse_regression import format_formula
 from klute_sim.diagnosis.evidence import collect_evidence
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.planning.identifiability import INDISTINGUISHABLE_COSINE
 from klute_sim.diagnosis.probability import Probabilities, estimate_probabilities
@@ -72,6 +73,7 @@ def verdict_to_dict(diagnosis: Diagnosis, predictions: Sequence[TransferPredicti
                 "form": r.term.form,
                 "channel": r.term.channel,
                 "number": r.term.number,
+                **_list_owners(r.term),
                 "reason": r.reason,
             }
             for r in list_rejections(diagnosis)
@@ -135,6 +137,12 @@ def _list_fitted_numbers(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
     }
 
 
+def _list_owners(term: EffectTerm) -> dict[str, str]:
+    """Return what alone has the effect of ``term``, of a mechanism or of several specimens; empty where all have it."""
+    owners = {"tendon": term.tendon, "part": term.part, "specimen": term.specimen}
+    return {key: owner for key, owner in owners.items() if owner is not None}
+
+
 def _describe_cross_validation(prediction: PredictiveResult) -> dict[str, Any]:
     """Return how well models predict what was left out; errors are relative to the model without added effects."""
     return {
@@ -178,12 +186,7 @@ def _list_effect_entries(
             entry["evidence"] = evidence[term]._asdict()
         if probabilities and term in probabilities.names:
             entry["probability"] = round(probabilities.names[term], 3)
-        if term.tendon is not None:
-            entry["tendon"] = term.tendon
-        if term.part is not None:
-            entry["part"] = term.part
-        if term.specimen is not None:
-            entry["specimen"] = term.specimen
+        entry |= _list_owners(term)
         if term.effect_definition.data_driven:
             entry |= {"data_driven": True, "formula": format_formula(final_fit)}
         elif diagnosis.verdict in ("unexplained", "insufficient-data"):
