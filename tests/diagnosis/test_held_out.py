@@ -29,7 +29,7 @@ from klute_sim.diagnosis.noise.misfit import Misfit
 from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.diagnosis.result import ChannelRms, Diagnosis, DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection.robustness import EquivalentModel
-from klute_sim.diagnosis.transfer import ChannelPrediction, TransferPrediction
+from klute_sim.diagnosis.transfer_prediction import ChannelPrediction, TransferPrediction
 from klute_sim.diagnosis.workflow import diagnose, fit_base_device
 from klute_sim.report.diagnosis.prediction import build_prediction_table
 from tests.diagnosis import synthetic_dataset

@@ -2,12 +2,14 @@
 
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from klute_sim.api import diagnosis as datasets_api
 from klute_sim.api.rendering import render_text
 from klute_sim.datasets.dataset import load_dataset
 from klute_sim.datasets.write import write_trial
@@ -15,8 +17,10 @@ from klute_sim.device.device import Device, parse_device
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
-from klute_sim.diagnosis.transfer import ChannelPrediction, TransferPrediction, predict_dataset
+from klute_sim.diagnosis.transfer import predict_dataset
+from klute_sim.diagnosis.transfer_prediction import ChannelPrediction, TransferPrediction
 from klute_sim.diagnosis.workflow import diagnose
+from klute_sim.errors import InputError
 from klute_sim.report.diagnosis.prediction import (
     build_numbers_table,
     build_prediction_figure,
@@ -125,6 +129,77 @@ def test_effects_that_do_not_hold_elsewhere_are_said_not_to(
     assert "the device as declared predicts force best" in warning
     assert "use the device as declared there" in warning
     assert prediction.to_dict()["warnings"] == [warning]
+
+
+def rewrite_forces(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    for file in folder.glob("*.csv"):
+        heading, *rows = file.read_text("utf-8").splitlines()
+        values = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+        values[:, -1] = change(values[:, -1])
+        write_trial(file, dict(zip(heading.split(","), values.T, strict=True)))
+
+
+def test_samples_at_the_end_of_a_sensor_refute_nothing(
+    diagnosis: Diagnosis, true_device: Device, tmp_path: Path
+) -> None:
+    """A load cell that ends at 150 N reads far less than any device pulls."""
+    folder = write_muscles(tmp_path / "clipped", true_device, (0.2,), "")
+    rewrite_forces(folder, lambda force: np.minimum(force, 150.0))
+    prediction = predict_dataset(diagnosis, load_dataset(folder, accept=["force-geometry"]))
+    assert prediction.channels["force"].with_effects < 2.0 * NOISE_N
+    assert prediction.recommended == "with-effects"
+    (warning,) = prediction.warnings
+    assert re.match(r"'clipped': 'force' equals 150 N in \d+ of \d+ samples: it may be saturated", warning)
+
+
+def test_dataset_without_a_usable_channel_is_not_predicted(
+    diagnosis: Diagnosis, true_device: Device, tmp_path: Path
+) -> None:
+    folder = write_muscles(tmp_path / "dead", true_device, (0.2,), "")
+    rewrite_forces(folder, lambda force: np.full_like(force, 12.0))
+    with pytest.raises(InputError, match="'dead' cannot be predicted: 'force' is constant at 12 N"):
+        predict_dataset(diagnosis, load_dataset(folder))
+
+
+def test_effect_that_the_other_device_has_is_not_added_again(
+    diagnosis: Diagnosis, true_device: Device, tmp_path: Path
+) -> None:
+    folder = write_muscles(tmp_path / "with_effect", true_device, (0.2,), "")
+    with pytest.raises(InputError, match="has effect 'passive_tension' already, which the prediction adds; remove it"):
+        predict_dataset(diagnosis, load_dataset(folder, true_device))
+
+
+def test_prediction_that_cannot_be_made_is_refused_before_the_diagnosis(true_device: Device, tmp_path: Path) -> None:
+    write_muscles(tmp_path / "found", true_device, (0.2,), '[uncertain]\n"muscle.turns_per_m" = "5 %"')
+    datasets_api.write_example_dataset(tmp_path / "tendon")
+    done = run("diagnose", "tendon", "--predict", "found", "--out", "run", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "device of dataset 'found' has no number 'tendon.stiffness_1_n_per_mm', which is fitted" in done.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_data_that_are_insufficient_have_a_verdict_and_no_prediction(true_device: Device, tmp_path: Path) -> None:
+    write_muscles(tmp_path / "other", true_device, (0.2,), "")
+    folder = write_muscles(tmp_path / "short", true_device, (0.2,), "")
+    head = (folder / "dataset.toml").read_text("utf-8").split("[[trial]]")[0]
+    (folder / "dataset.toml").write_text(f'{head}[[trial]]\nfiles = ["200_0_0.csv"]\n', "utf-8")
+    done = run("diagnose", "short", "--predict", "other", "--out", "run", "--no-report", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"no prediction of other: the diagnosis fitted nothing", done.stderr)
+    verdict = json.loads((tmp_path / "run" / "verdict.json").read_text("utf-8"))
+    assert (verdict["verdict"], verdict["predictions"]) == ("insufficient-data", [])
+
+
+def test_channel_that_is_predicted_worse_does_not_contradict_the_advice() -> None:
+    channels = {
+        "force": ChannelPrediction(nominal=2.0, refitted=9.0, with_effects=3.0, measured_range=1000.0),
+        "muscle_length": ChannelPrediction(nominal=9.0, refitted=5.0, with_effects=1.0, measured_range=100.0),
+    }
+    prediction = TransferPrediction("other", channels)
+    assert prediction.recommended == "with-effects"
+    (warning,) = prediction.warnings
+    assert "the device as declared predicts force best" in warning
+    assert warning.endswith("Over all channels, what was found predicts best nevertheless.")
 
 
 def test_diverging_prediction_is_a_warning() -> None:

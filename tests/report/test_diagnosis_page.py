@@ -11,7 +11,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
-from klute_sim.diagnosis.transfer import ChannelPrediction, TransferPrediction
+from klute_sim.diagnosis.transfer_prediction import ChannelPrediction, TransferPrediction
 from klute_sim.diagnosis.verdict import verdict_to_dict
 from klute_sim.provenance import collect_versions
 from klute_sim.report.diagnosis import figures, page

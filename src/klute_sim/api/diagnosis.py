@@ -17,7 +17,8 @@ from klute_sim.device.device import Device
 from klute_sim.diagnosis.mechanism_files import build_mechanism_files
 from klute_sim.diagnosis.planning import measurement_plan
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions, Verdict
-from klute_sim.diagnosis.transfer import TransferPrediction, predict_dataset
+from klute_sim.diagnosis.transfer import predict_dataset
+from klute_sim.diagnosis.transfer_prediction import TransferPrediction
 from klute_sim.diagnosis.verdict import DEVICE_FILE_NAME, verdict_to_dict
 from klute_sim.diagnosis.workflow import diagnose as run_diagnosis
 from klute_sim.errors import InputError, MissingExtraError
@@ -115,14 +116,15 @@ class DiagnosisResult(Printable):
         """
         return self.diagnosis.fitted_device or self.diagnosis.dataset.device
 
-    def predict(self, dataset: Dataset | str | Path) -> TransferPrediction:
+    def predict(self, dataset: Dataset | str | Path, *, n_jobs: int = 0) -> TransferPrediction:
         """Return how well the device that was found predicts another ``dataset`` (or the folder of one).
 
         The other dataset declares its own device: its geometry. Fitted numbers keep their relative change, effects are
-        added as found. Raises InputError when nothing was fitted or the dataset does not suit.
+        added as found. ``n_jobs`` is the number of threads; 0: all cores. Raises InputError when nothing was fitted or
+        the dataset does not suit.
         """
         other = dataset if isinstance(dataset, Dataset) else load_dataset(dataset)
-        return predict_dataset(self.diagnosis, other)
+        return predict_dataset(self.diagnosis, other, n_jobs)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of verdict.json."""

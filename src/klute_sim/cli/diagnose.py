@@ -1,7 +1,7 @@
 """``klute-sim diagnose``."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +13,9 @@ from klute_sim.cli.common import NonEmptyPath
 from klute_sim.cli.option_sections import Command, section
 
 if TYPE_CHECKING:
+    from klute_sim.api.diagnosis import DiagnosisResult
+    from klute_sim.datasets.dataset import Dataset
+    from klute_sim.diagnosis.transfer_prediction import TransferPrediction
     from klute_sim.types import ProgressCallback
 
 
@@ -133,6 +136,7 @@ def command(
     from klute_sim.api.rendering import print_summary
     from klute_sim.cli.console import stdout_console
     from klute_sim.datasets.dataset import replace_tolerances
+    from klute_sim.diagnosis.transfer import check_predictable
     from klute_sim.recording.run_folder import create_run_folder
     from klute_sim.report.diagnosis.prediction import build_numbers_table, build_prediction_table
 
@@ -142,6 +146,8 @@ def command(
     if tolerances:
         dataset = replace_tolerances(dataset, tolerances)
     predicted = [load_dataset(other, accept=accept) for other in predicted_folders]
+    for other in predicted:  # before a long fit
+        check_predictable(dataset, other)
     for remark in (*dataset.remarks, *(remark for other in predicted for remark in other.remarks)):
         stderr_console().print(f"{remark}.", soft_wrap=True)
     with create_run_folder("diagnose", out) as (run_folder, scratch):
@@ -151,7 +157,7 @@ def command(
         except KeyboardInterrupt:
             stderr_console().print("Finished fits are cached: the same command resumes the diagnosis.", soft_wrap=True)
             raise
-        predictions = [result.predict(other) for other in predicted]
+        predictions = list(_predict(result, predicted, jobs))
         result.write_files(scratch, predictions, report=not no_report)
     if as_json:
         content = result.to_dict()
@@ -167,6 +173,18 @@ def command(
             console.print(warning, soft_wrap=True)
         console.print(build_numbers_table(prediction))
     console.print(f"Results: {run_folder}", soft_wrap=True)
+
+
+def _predict(result: "DiagnosisResult", datasets: "Sequence[Dataset]", n_jobs: int) -> "Iterator[TransferPrediction]":
+    """Yield the prediction of each of ``datasets``; a remark says why the ``result`` cannot predict one."""
+    from klute_sim.cli.console import stderr_console
+    from klute_sim.errors import InputError
+
+    for dataset in datasets:
+        try:
+            yield result.predict(dataset, n_jobs=n_jobs)
+        except InputError as error:
+            stderr_console().print(f"no prediction of {dataset.folder}: {error}.", soft_wrap=True)
 
 
 def _write_draft(folder: Path, device_name: str | None, *, is_alone: bool) -> None:

@@ -59,10 +59,51 @@ class UsableData(NamedTuple):
     """Reasons why no diagnosis is possible, with the fix; empty if one is possible."""
 
 
+class CleanData(NamedTuple):
+    """Experiments without the channels and samples that say nothing."""
+
+    experiments: list[Experiment]
+    """All experiments."""
+    examined: list[Experiment]
+    """Experiments that were compared with their repeats, before channels that contradict them were removed."""
+    residuals: Residuals
+    """Their residuals with the nominal device."""
+    remarks: list[str]
+    """Sentences about excluded data."""
+    blocking_problems: list[str]
+    """Reasons why no diagnosis is possible, with the fix."""
+
+
 def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simulator: Simulator) -> UsableData:
     """Remove dead channels, copied commands, saturated samples, inconsistent repeats and channels without repeats.
 
     Test trials lose the channels that are excluded everywhere and are not examined otherwise.
+    """
+    usable, examined, residuals, remarks, problems = clean_data(dataset, experiments, simulator)
+    if not examined:
+        return UsableData(usable, [], remarks, problems)
+    remarks += [drift.sentence for drift in find_drifting_repeats(examined, residuals)]
+    unrepeated = find_unrepeated_channels([e for e in usable if e.use == "fit"])
+    usable = remove_channels(usable, pair_trials_with_channels(usable, unrepeated))
+    remarks += [f"{reason}; it is not used." for reason in unrepeated.values()]
+    fit_experiments = [e for e in usable if e.use == "fit" and e.measured]
+    if not fit_experiments:
+        return UsableData(usable, [], remarks, [*problems, NO_USABLE_CHANNEL])
+    return UsableData(
+        usable,
+        fit_experiments,
+        [*remarks, *find_limitations(fit_experiments, [e for e in usable if e.use != "fit" and e.measured])],
+        [*problems, *find_blocking_problems(fit_experiments, judges_supply=is_supply_only(experiments))],
+    )
+
+
+def clean_data(
+    dataset: Dataset, experiments: Sequence[Experiment], simulator: Simulator, *, may_diverge: bool = False
+) -> CleanData:
+    """Remove dead channels, copied commands, saturated samples and inconsistent repeats.
+
+    None is examined where no channel of the trials to fit is usable. A simulation that diverges raises SimulationError;
+    with ``may_diverge`` its trial is not compared with its repeats.
     """
     seen = {e.name for e in experiments if e.use != "test"}
     uncompared = describe_uncompared_channels(dataset.trials, experiments)
@@ -79,30 +120,21 @@ def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simu
 
     examined = [e for e in usable if e.use != "test" and e.measured]
     if not any(e.use == "fit" for e in examined):
-        return UsableData(usable, [], remarks, [_describe_few_samples(for_fit) or NO_USABLE_CHANNEL])
+        return CleanData(usable, [], [], remarks, [_describe_few_samples(for_fit) or NO_USABLE_CHANNEL])
     nominal = Hypothesis(dataset.device, (), ())
-    residuals = WeightedData(simulator, examined, {}).compute_residuals(nominal, [nominal.initial_point()])[0]
+    data = WeightedData(simulator, examined, {})
+    rows = data.compute_residuals(nominal, [nominal.initial_point()], may_diverge=may_diverge)[0]
+    is_finite = [all(np.isfinite(values).all() for values in row.values()) for row in rows]
+    examined = [e for e, keep in zip(examined, is_finite, strict=True) if keep]
+    residuals = [row for row, keep in zip(rows, is_finite, strict=True) if keep]
     contradicted, problems = find_contradicted_channels(examined, residuals)
     usable = remove_channels(usable, contradicted)
     remarks += dict.fromkeys(contradicted.values())
-    remarks += [drift.sentence for drift in find_drifting_repeats(examined, residuals)]
     noise = estimate_noise_from_repeats(examined, residuals)
     if "force" in noise:
         usable, buckling = limit_buckled_forces(usable, examined, residuals, noise["force"].std)
         remarks += filter(None, [buckling])
-
-    unrepeated = find_unrepeated_channels([e for e in usable if e.use == "fit"])
-    usable = remove_channels(usable, pair_trials_with_channels(usable, unrepeated))
-    remarks += [f"{reason}; it is not used." for reason in unrepeated.values()]
-    fit_experiments = [e for e in usable if e.use == "fit" and e.measured]
-    if not fit_experiments:
-        return UsableData(usable, [], remarks, [*problems, NO_USABLE_CHANNEL])
-    return UsableData(
-        usable,
-        fit_experiments,
-        [*remarks, *find_limitations(fit_experiments, [e for e in usable if e.use != "fit" and e.measured])],
-        [*problems, *find_blocking_problems(fit_experiments, judges_supply=is_supply_only(experiments))],
-    )
+    return CleanData(usable, examined, residuals, remarks, problems)
 
 
 def _find_copied_channels(

@@ -16,7 +16,7 @@ from klute_sim.diagnosis.probability import Probabilities, estimate_probabilitie
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
-from klute_sim.diagnosis.transfer import TransferPrediction, summarize_predictions
+from klute_sim.diagnosis.transfer_prediction import TransferPrediction, summarize_predictions
 from klute_sim.effects.families import instrument
 
 VERDICT_SCHEMA = "klute-sim-verdict/3"

@@ -16,7 +16,7 @@ from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import MAX_EFFECTS
 from klute_sim.diagnosis.selection.predictive_model import compare_errors
 from klute_sim.diagnosis.selection.robustness import EquivalentModel
-from klute_sim.diagnosis.transfer import TransferPrediction
+from klute_sim.diagnosis.transfer_prediction import TransferPrediction
 from klute_sim.effects import catalogue
 from klute_sim.provenance import collect_versions
 from klute_sim.recording.atomic_file import write_atomically

@@ -9,7 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
-from klute_sim.diagnosis.transfer import TransferPrediction
+from klute_sim.diagnosis.transfer_prediction import TransferPrediction
 from klute_sim.report.diagnosis import text as words
 from klute_sim.report.diagnosis.localization_figure import CASE_COLOURS
 from klute_sim.report.style import add_heading, save_figure, use_style

@@ -1,0 +1,128 @@
+"""Prediction of another joint by what was found on one: every device and the model have fitted numbers."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from klute_sim.api.rendering import render_text
+from klute_sim.datasets.dataset import Dataset, load_dataset, split_dataset
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.diagnosis.transfer import predict_dataset
+from klute_sim.errors import InputError
+from klute_sim.report.diagnosis.prediction import build_numbers_table
+from tests.diagnosis.synthetic_joint_dataset import write_dataset
+
+SLACK, STIFFNESS, MASS = "flexor/tendon.slack_length_mm", "tendon.stiffness_1_n_per_mm", "model.geom.load.mass"
+NUMBERS = {SLACK: "1 %", STIFFNESS: "10 %", MASS: "5 %"}
+OTHER = """
+[devices.flexor]
+changes = {"tendon.slack_length_mm" = 104.0, "tendon.stiffness_1_n_per_mm" = 30.0}
+[devices.extensor]
+"""
+
+
+def make_diagnosis(dataset: Dataset, *terms: EffectTerm, x: list[float]) -> Diagnosis:
+    """Return a diagnosis whose numbers are wrong by the standard deviations ``x``."""
+    mechanism_numbers = tuple({**dataset.model_values, **dataset.nominal_numbers}.items())
+    base = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), (), (), (), mechanism_numbers)
+    hypothesis = base
+    for term in terms:
+        hypothesis = hypothesis.with_term(term)
+    values: Any = np.array(x)
+    n_base = len(base.parameters)
+    fits = [
+        Fit(h, values[: len(h.parameters)], np.zeros(1), np.ones((1, len(h.parameters))), True, [])
+        for h in (base, hypothesis)
+    ]
+    assert n_base + sum(len(term.parameters) for term in terms) == len(values)
+    split = split_dataset(dataset)
+    return Diagnosis(
+        dataset=dataset,
+        split=split,
+        verdict="nothing-missing",
+        reasons=[],
+        base_fit=fits[0],
+        final_fit=fits[1],
+        added_terms=terms,
+        experiments=prepare_experiments(dataset, split),
+    )
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    folder = tmp_path_factory.mktemp("first")
+    return load_dataset(write_dataset(folder, uncertain=NUMBERS, groups=("fit_1",), repeats=1, seconds=2.0))
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """The flexor has another tendon; what the first joint shows is true of this one."""
+    flexor = load_device("klute-3-4-pair").with_changes(
+        {"tendon.slack_length_mm": 104.0 * 1.02, "tendon.stiffness_1_n_per_mm": 30.0 * 1.1}
+    )
+    extensor = load_device("klute-3-4-pair").with_changes({"tendon.stiffness_1_n_per_mm": 60.0 * 1.1})
+    folder = write_dataset(
+        tmp_path_factory.mktemp("other"),
+        truth={"flexor": flexor, "extensor": extensor},
+        true_numbers={MASS: 0.95},
+        extra=OTHER,
+        groups=("fit_1", "test_1"),
+        repeats=1,
+        seconds=2.0,
+    )
+    return load_dataset(folder)
+
+
+def test_numbers_of_tendons_and_model_are_carried_over(first: Dataset, other: Dataset) -> None:
+    prediction = predict_dataset(make_diagnosis(first, x=[2.0, 1.0, -1.0]), other)
+    angle = prediction.channels["angle_joint"]
+    assert angle.with_effects < 0.1 * angle.nominal
+    numbers = {number.name: number for number in prediction.numbers}
+    expected = {
+        SLACK: (102.0, 104.0 * 1.02),
+        f"flexor/{STIFFNESS}": (66.0, 33.0),
+        f"extensor/{STIFFNESS}": (66.0, 66.0),
+        MASS: (0.95, 0.95),
+    }
+    assert numbers.keys() == expected.keys()
+    for name, pair in expected.items():
+        assert (numbers[name].found, numbers[name].used) == pytest.approx(pair)
+    assert numbers[SLACK].rule == "the declared 104, changed as much as in the fit"
+    assert numbers[f"flexor/{STIFFNESS}"].rule == "the declared 30, changed as much as in the fit"
+    text = render_text([build_numbers_table(prediction)])
+    assert all(name in text for name in expected)
+
+
+def test_prediction_without_added_effects_mentions_none(first: Dataset, other: Dataset) -> None:
+    """The final fit is finer than the one without effects, so its numbers differ a little."""
+    diagnosis = make_diagnosis(first, x=[-2.0, 1.0, -1.0])
+    assert diagnosis.base_fit is not None
+    diagnosis.base_fit = replace(diagnosis.base_fit, x=np.array([-1.99, 1.0, -1.0]))
+    prediction = predict_dataset(diagnosis, other)
+    assert prediction.best == "best: as-declared"
+    (warning,) = prediction.warnings
+    assert "added effects" not in warning
+
+
+def test_effects_of_two_tendons_have_names_of_their_own(first: Dataset, other: Dataset) -> None:
+    terms = [EffectTerm("seal_friction", "coulomb", tendon=tendon) for tendon in ("flexor", "extensor")]
+    prediction = predict_dataset(make_diagnosis(first, *terms, x=[2.0, 1.0, -1.0, 0.1, 0.2]), other)
+    names = [number.name for number in prediction.numbers if number.name.startswith("seal_friction")]
+    assert len(set(names)) == len(names) == 2
+    assert names[0].startswith("seal_friction@flexor.")
+
+
+def test_joint_without_a_fitted_number_is_not_predicted(first: Dataset, tmp_path: Path) -> None:
+    extra = "[devices.extensor]\n"
+    text = write_dataset(tmp_path, extra=extra, groups=("fit_1",), repeats=1, seconds=1.0) / "dataset.toml"
+    content = text.read_text("utf-8").replace("'pressure_command_flexor', ", "")
+    text.write_text(content, "utf-8")
+    with pytest.raises(InputError, match=r"mechanism of dataset .* has no number 'flexor/tendon\.slack_length_mm'"):
+        predict_dataset(make_diagnosis(first, x=[2.0, 1.0, -1.0]), load_dataset(tmp_path))
