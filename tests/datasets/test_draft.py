@@ -403,6 +403,9 @@ def test_command_writes_the_draft_and_says_what_is_next(tmp_path: Path) -> None:
     assert "the file states no unit; bar is assumed" in result.stdout
     assert f"klute-sim diagnose {tmp_path}" in result.stdout
     assert (tmp_path / "dataset.toml").exists()
+    with_tolerance = run("diagnose", str(tmp_path), "--draft", "--device", DEVICE, "--tolerance", "force=5 N")
+    assert with_tolerance.returncode == 2
+    assert "pass no other option than --device" in with_tolerance.stderr
     again = run("diagnose", str(tmp_path), "--draft", "--device", DEVICE)
     assert again.returncode == 2
     assert "exists already" in again.stderr

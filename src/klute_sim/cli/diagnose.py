@@ -125,7 +125,8 @@ def command(
     from klute_sim.cli.console import stderr_console
 
     if draft:
-        _write_draft(folder, device_name, is_alone=not (example or only or exclude or predicted_folders or as_json))
+        others = (example, only, exclude, tolerances, predicted_folders, accept, catalogue, jobs, seed, out, no_report)
+        _write_draft(folder, device_name, is_alone=not (any(others) or as_json))
         return
     if catalogue is not None:
         from klute_sim.cli.effects import load_catalogue
