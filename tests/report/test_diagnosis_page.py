@@ -3,20 +3,21 @@
 import base64
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.rejections import list_rejections
-from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.diagnosis.result import ChannelRms, Diagnosis
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.transfer_prediction import ChannelPrediction, TransferPrediction
 from klute_sim.diagnosis.verdict import verdict_to_dict
 from klute_sim.provenance import collect_versions
 from klute_sim.report.diagnosis import figures, page
 from klute_sim.report.diagnosis import text as words
-from klute_sim.report.diagnosis.table import build_added_term_tables
+from klute_sim.report.diagnosis.table import build_added_term_tables, build_gap_table
 from klute_sim.units import BAR
 from tests.report.synthetic_diagnosis import (
     SLOPE_N_PER_BAR,
@@ -82,6 +83,23 @@ def test_gap_table_matches_the_diagnosis(diagnosis: Diagnosis, html: str) -> Non
     removed = 1.0 - max(0.0, gap.with_effects**2 - gap.noise_floor**2) / (gap.refitted**2 - gap.noise_floor**2)
     assert rows["force"][6] == f"{100.0 * removed:.1f} %"
     assert f"{words.format_number(gap.refitted, 3)} N to {words.format_number(gap.with_effects, 3)} N" in text_of(html)
+
+
+def test_terminal_shows_the_gaps_of_the_page(diagnosis: Diagnosis) -> None:
+    large = {"force": ChannelRms(nominal=2345.6, refitted=1234.5, with_effects=12.04, noise_floor=3.0)}
+    changed = replace(diagnosis, channel_rms=large)
+    cells = [next(column.cells) for column in build_gap_table(changed).columns]
+    (row,) = [row for row in rows_of(page.render_page(changed, {}), "gap") if row[0] == "force"]
+    assert cells == row[:6] == ["force", "N", "2350", "1230", "12", "3"]
+
+
+def test_page_of_the_current_folder_has_its_name(
+    diagnosis: Diagnosis, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "my-bench").mkdir()
+    monkeypatch.chdir(tmp_path / "my-bench")
+    here = replace(diagnosis, dataset=replace(diagnosis.dataset, folder=Path()))
+    assert "Diagnosis of my-bench" in page.render_page(here, {})
 
 
 def test_page_shows_noise_split_steps_device_and_versions(diagnosis: Diagnosis, html: str) -> None:

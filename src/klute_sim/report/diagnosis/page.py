@@ -84,7 +84,7 @@ def build_page_context(diagnosis: Diagnosis) -> dict[str, Any]:
     d = diagnosis
     device = d.dataset.device
     return {
-        "title": f"Diagnosis of {d.dataset.folder.name}",
+        "title": f"Diagnosis of {d.dataset.folder.resolve().name}",
         "verdict": d.verdict,
         "sentence": words.describe_verdict(d),
         "improvement": words.describe_improvement(d),

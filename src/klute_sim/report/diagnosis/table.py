@@ -67,7 +67,9 @@ def build_gap_table(diagnosis: Diagnosis) -> Table:
     table = create_table(*headings, title=f"Measured - simulated (rms) on {trials}", caption=note)
     for channel, rms in diagnosis.channel_rms.items():
         unit, si = CHANNEL_UNITS[channel]
-        nominal, refitted, with_effects = (f"{v / si:.3g}" for v in (rms.nominal, rms.refitted, rms.with_effects))
-        noise = "no repeats" if rms.noise_floor is None else f"{rms.noise_floor / si:.3g}"
+        nominal, refitted, with_effects = (
+            text.format_number(v / si, 3) for v in (rms.nominal, rms.refitted, rms.with_effects)
+        )
+        noise = "no repeats" if rms.noise_floor is None else text.format_number(rms.noise_floor / si, 3)
         table.add_row(channel, unit, nominal, refitted, with_effects if diagnosis.added_terms else "-", noise)
     return table
