@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from klute_sim.diagnosis import verdict as verdict_content
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.rejections import list_rejections
+from klute_sim.diagnosis.rejections import Rejection, list_rejections
 from klute_sim.diagnosis.result import ChannelRms, Diagnosis
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.transfer_prediction import ChannelPrediction, TransferPrediction
@@ -83,6 +84,13 @@ def test_gap_table_matches_the_diagnosis(diagnosis: Diagnosis, html: str) -> Non
     removed = 1.0 - max(0.0, gap.with_effects**2 - gap.noise_floor**2) / (gap.refitted**2 - gap.noise_floor**2)
     assert rows["force"][6] == f"{100.0 * removed:.1f} %"
     assert f"{words.format_number(gap.refitted, 3)} N to {words.format_number(gap.with_effects, 3)} N" in text_of(html)
+
+
+def test_rejected_candidate_has_its_tendon(diagnosis: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    rejected = [Rejection(EffectTerm("leak", "orifice", tendon=tendon), "small") for tendon in (None, "extensor")]
+    monkeypatch.setattr(verdict_content, "list_rejections", lambda _: rejected)
+    entry = {"name": "leak", "form": "orifice", "channel": None, "number": None, "reason": "small"}
+    assert verdict_to_dict(diagnosis)["rejected"] == [entry, {**entry, "tendon": "extensor"}]
 
 
 def test_terminal_shows_the_gaps_of_the_page(diagnosis: Diagnosis) -> None:
