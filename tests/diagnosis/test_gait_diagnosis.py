@@ -152,7 +152,7 @@ def test_misfit_region_is_a_part_of_the_stride() -> None:
 def test_trial_without_strides_is_refused(clean_dataset: datasets.Dataset) -> None:
     trial = clean_dataset.trials[0]
     load = trial.prescribed["grf_vertical"]
-    loaded_channels = {**trial.prescribed, "grf_vertical": TimeSeries(load.time, np.maximum(load.value, 100.0))}
+    loaded_channels = {**trial.prescribed, "grf_vertical": TimeSeries(load.time, np.maximum(load.value, 300.0))}
     trial_experiment = replace(
         clean_dataset, trials=(replace(trial, prescribed=loaded_channels), *clean_dataset.trials[1:])
     )
