@@ -66,16 +66,17 @@ def test_sensor_delay_equals_that_of_training() -> None:
     assert delayed_commands == [commands[0], commands[0], commands[0], commands[1], commands[2]]
 
 
-def test_controller_acts_on_rig_as_in_environment() -> None:
+@pytest.mark.parametrize("delay", [0, 4])
+def test_controller_acts_on_rig_as_in_environment(delay: int) -> None:
     """Compare after a stride, because the initial pressures differ slightly."""
-    trained_policy, device = make_policy(), load_device("klute-1-1-4-pair")
-    env = AnkleGaitEnv(action="residual", residual_bar=0.7, strides=3, reset_noise=0.0)
+    trained_policy, device = make_policy(sensor_delay=delay), load_device("klute-1-1-4-pair")
+    env = AnkleGaitEnv(action="residual", residual_bar=0.7, strides=3, reset_noise=0.0, sensor_delay=delay)
     observation, _ = env.reset(seed=0)
     pressures, ended = [], False
     while not ended:
         observation, _, terminated, ended, _ = env.step(trained_policy(observation))
         assert not terminated
-        pressures.append(float(observation[5]))
+        pressures.append(float(env.data.act[env.model.actuator("prosthesis_muscle_tendon").actadr[0]]))
     env.close()
     recording = simulate_gait(device, build_policy_controller(trained_policy, "mine"), GaitOptions(strides=3))
     rig_pressures = recording["pressure"][20::20][: len(pressures)]

@@ -43,20 +43,18 @@ class PolicyController:
         base: PressureProfile | StateMachine,
         max_residual: float,
         delay_intervals: int = 0,
-        *,
-        is_phase_late: bool = False,
     ) -> None:
         """Change the pressure of ``base`` by at most ``max_residual`` [Pa].
 
-        Sensors are late by ``delay_intervals`` intervals; ``is_phase_late`` states whether the estimated phase is, too.
-        Raises InputError when the policy has other inputs or outputs than the environment.
+        Sensors are late by ``delay_intervals`` intervals, and so is the phase, which is estimated from them. Raises
+        InputError when the policy has other inputs or outputs than the environment.
         """
         if len(policy.observation_scale) != N_OBSERVATIONS or len(policy.layers[-1][1]) != 1:
             raise InputError(
                 f"the policy has {len(policy.observation_scale)} inputs and {len(policy.layers[-1][1])} outputs; "
                 f"allowed: {N_OBSERVATIONS} and 1, as in klute_sim/AnkleGait-v2"
             )
-        self._policy, self._base, self._is_phase_late = policy, copy.copy(base), is_phase_late
+        self._policy, self._base = policy, copy.copy(base)
         self._max_residual, self._delay_intervals = max_residual, delay_intervals
         self._readings: deque[SensorReadings] = deque(maxlen=1 + delay_intervals)
 
@@ -70,11 +68,13 @@ class PolicyController:
         """Return the commanded gauge pressure [Pa] until the next call."""
         self._readings.append(readings)
         sensed = self._readings[0]
-        phase = sensed.phase if self._is_phase_late else readings.phase
-        angle = 2.0 * math.pi * phase
+        angle = 2.0 * math.pi * sensed.phase
         observation = [*sensed[:5], sensed.pressure / BAR, math.sin(angle), math.cos(angle)]
         action = float(self._policy(observation)[0])
-        pressure = self._base.command(sensed) if isinstance(self._base, StateMachine) else self._base.pressure_at(phase)
+        if isinstance(self._base, StateMachine):
+            pressure = self._base.command(sensed)
+        else:
+            pressure = self._base.pressure_at(sensed.phase)
         return max(0.0, pressure + self._max_residual * action)
 
     @property
@@ -132,4 +132,4 @@ def build_policy_controller(policy: Policy, source: str) -> PolicyController:
         )
     if base not in BASES:
         raise InputError(f"policy {source} changes the base '{base}'; allowed: {', '.join(BASES)}")
-    return PolicyController(policy, BASES[base](), residual_bar * BAR, delay_intervals, is_phase_late=is_walk)
+    return PolicyController(policy, BASES[base](), residual_bar * BAR, delay_intervals)
