@@ -138,6 +138,17 @@ def test_non_finite_state_ends_only_its_episode() -> None:
     assert batch._task.elapsed_intervals.tolist() == [3, 0, 3]
 
 
+def test_failure_in_the_last_interval_is_no_truncation() -> None:
+    batch = gymnasium.make_vec(JOINT, 2, "vector_entry_point", duration=0.05).unwrapped
+    batch.reset(seed=1)
+    for _ in range(4):
+        batch.step(np.zeros((2, 2), dtype=np.float32))
+    batch._batch.bind("qpos")[1, 0] = np.nan
+    _, _, terminated, truncated, _ = batch.step(np.zeros((2, 2), dtype=np.float32))
+    assert terminated.tolist() == [False, True]
+    assert truncated.tolist() == [True, False]
+
+
 def test_another_device_is_supported() -> None:
     batch = gymnasium.make_vec(
         NAME, 2, "vector_entry_point", device=load_device("klute-3-4-pair"), mass=50.0, stature=1.9

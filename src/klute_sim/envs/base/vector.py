@@ -103,7 +103,8 @@ class DeviceVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]
         self.num_envs, self._autoreset_mode = int(options.num_envs), AutoresetMode(options.autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._autoreset_mode}
         limit = options.max_episode_steps
-        self.max_episode_steps = task_max_steps if limit in (None, -1) else min(task_max_steps, int(limit))
+        self._time_limit = None if limit in (None, -1) else int(limit)
+        self.max_episode_steps = task_max_steps if self._time_limit is None else min(task_max_steps, self._time_limit)
         """Number of steps after which every episode has been truncated."""
         self.single_action_space, self.single_observation_space = spaces_of_one
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -224,7 +225,9 @@ class DeviceVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]
         infos = self._start_episodes(~active)
         step = self._advance(actions, active)
         self._elapsed_steps += active
-        truncated = step.truncated | (active & (self._elapsed_steps >= self.max_episode_steps))
+        truncated = step.truncated
+        if self._time_limit is not None:
+            truncated = truncated | (active & (self._elapsed_steps >= self._time_limit))
         self._done = step.terminated | truncated
         if self._autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
             ended = self._done.copy()
