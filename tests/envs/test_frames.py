@@ -95,7 +95,7 @@ def test_a_vector_environment_draws_what_single_ones_draw(name: str) -> None:
 
 @pytest.mark.slow
 def test_randomised_simulations_are_drawn_with_their_own_model() -> None:
-    ranges = {"device": {"muscle.resting_length_mm": 0.02}, "speed_m_per_s": (0.8, 1.5)}
+    ranges = {"device": {"muscle.resting_length_mm": 0.02}, "speed_m_per_s": (0.8, 1.5), "slope_deg": (-5.0, 5.0)}
     envs = make(VECTOR, "gait", num_envs=2, render_mode="rgb_array", domain_randomization=ranges, n_jobs=1)
     envs.reset(seed=0)
     first, second = envs.render()

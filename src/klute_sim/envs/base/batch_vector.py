@@ -14,6 +14,7 @@ from gymnasium import spaces
 from klute_sim.envs.base.vector import DeviceVectorEnv, VectorOptions
 from klute_sim.errors import SimulationError
 from klute_sim.plant import batch
+from klute_sim.plant.batch import get_model_field
 from klute_sim.rendering.frames import Frame
 from klute_sim.types import Array, Mask
 
@@ -95,7 +96,8 @@ class BatchVectorEnv(DeviceVectorEnv):
             self._drawn_model = copy(self._model)
         model = self._drawn_model
         for name, values in self._randomized_fields.items():
-            getattr(model, name)[:] = np.reshape(values[index], getattr(model, name).shape)
+            field = get_model_field(model, name)
+            field[:] = np.reshape(values[index], field.shape)
         data = mujoco.MjData(model)
         mujoco.mj_setState(model, data, self._batch.state[index], STATE_SPEC)
         for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_camlight, mujoco.mj_tendon):
