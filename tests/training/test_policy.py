@@ -1,6 +1,7 @@
 """Tests of the policy file: computed actions and accepted content."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,14 @@ def test_file_holds_policy_and_metadata(tmp_path: Path) -> None:
     assert loaded.metadata["seed"] == 3
     with np.load(tmp_path / "policy.npz", allow_pickle=False) as file:
         assert json.loads(str(file["metadata"]))["activation"] == "tanh"
+
+
+def test_changed_copy_of_a_loaded_policy_is_saved_as_changed(tmp_path: Path) -> None:
+    make_policy().save(tmp_path / "policy.npz")
+    changed = replace(load_policy(tmp_path / "policy.npz"), activation="relu", tanh_output=True)
+    changed.save(tmp_path / "changed.npz")
+    observations = np.random.default_rng(1).normal(size=(20, 8))
+    assert np.array_equal(load_policy(tmp_path / "changed.npz")(observations), changed(observations))
 
 
 def test_pickled_content_is_refused(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ class Policy:
 
     def _format_metadata(self) -> str:
         network = {"activation": self.activation, "tanh_output": self.tanh_output}
-        return json.dumps({**network, **self.metadata}, allow_nan=False)
+        return json.dumps({**self.metadata, **network}, allow_nan=False)
 
 
 def load_policy(path: str | Path) -> Policy:
