@@ -60,6 +60,18 @@ def test_episode_starts_at_rest_on_its_target() -> None:
     assert observation[2] == pytest.approx(observation[0], abs=1e-6)
 
 
+def test_rate_of_the_target_leads_to_the_next_target_up_to_the_end() -> None:
+    env = AntagonistJointEnv(duration=0.4)
+    observations, ended = [env.reset(seed=1)[0]], False
+    while not ended:
+        observation, _, terminated, truncated, _ = env.step(np.zeros(2, dtype=np.float32))
+        observations.append(observation)
+        ended = terminated or truncated
+    target, rate = np.array(observations)[:, 2:4].T
+    assert np.diff(target) / env.dt == pytest.approx(rate[:-1], abs=1e-3)
+    assert rate[-1] == pytest.approx(2.0 * rate[-2] - rate[-3], abs=0.02)
+
+
 def test_pid_follows_the_target_and_co_contraction_alone_does_not() -> None:
     env = AntagonistJointEnv(time_step=1e-3)
     resting_reward, resting_error = run_episode(env, None)

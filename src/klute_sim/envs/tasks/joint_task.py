@@ -121,7 +121,7 @@ class JointTask:
     def __init__(self, devices: Mapping[str, Device], options: JointOptions, n_simulations: int, backend: str) -> None:
         """Set up the task with ``devices`` (tendon -> device) and a ``backend``, ``compiled`` or ``python``."""
         self._options, self._backend, self._indices = options, backend, np.arange(n_simulations)
-        n_targets = n_simulations * (1 + options.actions_per_episode)
+        n_targets = n_simulations * (2 + options.actions_per_episode)
         if n_targets > MAX_STORED_TARGETS:
             raise InputError(
                 f"{n_simulations} simulations of {options.duration:g} s have {n_targets:.3g} targets; allowed: "
@@ -158,7 +158,8 @@ class JointTask:
         low, high = self.model.joint(JOINT).range
         self._middle, self._amplitude = 0.5 * (low + high), 0.5 * RANGE_FRACTION * (high - low)
         self._lower, self._upper = (np.array([row[k] for row in OBSERVATIONS]) for k in (2, 3))
-        self._target = np.zeros((n_simulations, 1 + options.actions_per_episode))
+        # One more than there are observations: the rate of the last one needs it.
+        self._target = np.zeros((n_simulations, 2 + options.actions_per_episode))
         self.elapsed_intervals = np.zeros(n_simulations, dtype=np.int64)
         """Number of intervals since the reset."""
         self._previous_actions = np.zeros((n_simulations, len(TENDONS)))
@@ -240,14 +241,13 @@ class JointTask:
 
     def _observe(self, mask: Mask, states: JointStates) -> None:
         now = self.elapsed_intervals
-        following = np.minimum(now + 1, self._target.shape[1] - 1)
         target = self._target[self._indices, now]
         observations = np.column_stack(
             [
                 states.qpos[:, 0],
                 states.qvel[:, 0],
                 target,
-                (self._target[self._indices, following] - target) / CONTROL_INTERVAL,
+                (self._target[self._indices, now + 1] - target) / CONTROL_INTERVAL,
                 *(states.act[:, actuator.act_address] for actuator in self.actuators),
             ]
         )
