@@ -10,6 +10,7 @@ from klute_sim.device.backend.packing import unpack_parameters
 from klute_sim.device.device import load_device, parse_device
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
 from klute_sim.envs.tasks import domain_randomization
+from klute_sim.envs.tasks.device_ranges import DeviceRanges, build_parameter_ranges, sample_device
 from klute_sim.envs.tasks.domain_randomization import GRID_SIZE, RandomizationRanges
 from klute_sim.errors import InputError
 
@@ -218,6 +219,22 @@ def test_sampled_device_is_reset_in_next_episode() -> None:
 def test_invalid_ranges_are_refused(domain_randomization: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         AnkleGaitEnv(domain_randomization=domain_randomization)
+
+
+def test_numbers_that_do_not_go_together_are_drawn_again() -> None:
+    """Turns and bladder radius may each vary by 2 %, but not both in the direction of a bladder beyond the braid."""
+    device = load_device("klute-1-1-4-pair")
+    ranges = DeviceRanges(device={"muscle.turns_per_m": 0.02, "muscle.bladder_radius_mm": 0.02})
+    ends = build_parameter_ranges(device, ranges)
+    with pytest.raises(InputError, match="the two must agree"):
+        device.with_changes({key: low for key, (low, _) in ends.items()}, "test")
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        parameters, numbers = sample_device(device, ends, rng)
+        assert all(low <= numbers[key] <= high for key, (low, high) in ends.items())
+        assert parameters == device.with_changes(numbers, "test").parameters
+    with pytest.raises(InputError, match=r"no valid device in 100 draws .*the two must agree"):
+        sample_device(device, {"muscle.turns_per_m": (3.0, 3.1)}, rng)
 
 
 def test_ranges_are_a_mapping_or_an_object() -> None:

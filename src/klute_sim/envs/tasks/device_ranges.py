@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 
 from klute_sim.device.device import Device
+from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.schema.document import parse_device_spec
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
@@ -16,6 +17,8 @@ GRID_SIZE = 5
 """Number of grid values, including both ends, of what changes more of a model than a row of numbers."""
 MAX_VARIATION_FRACTION = 0.5
 """Largest allowed relative deviation from a nominal value."""
+MAX_DRAWS = 100
+"""Number of draws after which ranges hold too few valid devices."""
 PARAMETER_FIELD = "actuator_user"
 """Field of the model with the device parameters."""
 
@@ -98,6 +101,26 @@ def build_parameter_ranges(device: Device, ranges: DeviceRanges) -> dict[str, Ra
         for end in ends:
             device.with_changes({key: end}, "domain_randomization")
     return parameter_ranges
+
+
+def sample_device(
+    device: Device, parameter_ranges: Mapping[str, Range], rng: np.random.Generator
+) -> tuple[DeviceParameters, dict[str, float]]:
+    """Return the parameters of ``device`` with a number drawn from each of ``parameter_ranges``, and these numbers.
+
+    Numbers that do not go together, such as a bladder that is wider than its braid, are drawn again. Raises InputError
+    when :data:`MAX_DRAWS` draws in succession make no valid device.
+    """
+    for _ in range(MAX_DRAWS):
+        numbers = {key: float(rng.uniform(*ends)) for key, ends in parameter_ranges.items()}
+        try:
+            return device.with_changes(numbers, "domain_randomization").parameters, numbers
+        except InputError as error:
+            reason = error
+    raise InputError(
+        f"domain_randomization found no valid device in {MAX_DRAWS} draws ({reason}); allowed: ranges whose numbers go "
+        "together"
+    )
 
 
 def add_mean_effects(device: Device, effects: Mapping[str, Mapping[str, Any]]) -> Device:

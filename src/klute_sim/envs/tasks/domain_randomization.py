@@ -28,6 +28,7 @@ from klute_sim.envs.tasks.device_ranges import (
     build_parameter_ranges,
     check_fraction,
     parse_range,
+    sample_device,
 )
 from klute_sim.errors import InputError
 from klute_sim.gait.body import PROSTHESIS_PREFIX
@@ -155,9 +156,8 @@ class DomainRandomizer:
                 dict(zip(self._option_grids, grid_values, strict=True)),
             )
         if self._parameter_ranges:
-            changes = {key: float(rng.uniform(*ends)) for key, ends in self._parameter_ranges.items()}
-            parameters = self.device.with_changes(changes, "domain_randomization").parameters
-            sampled_values |= changes
+            parameters, numbers = sample_device(self.device, self._parameter_ranges, rng)
+            sampled_values |= numbers
         return Episode(rig_index, parameters, sampled_values)
 
     def get_field_value(self, episode: Episode, name: str) -> Any:

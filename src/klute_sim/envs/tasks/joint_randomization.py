@@ -21,6 +21,7 @@ from klute_sim.envs.tasks.device_ranges import (
     add_mean_effects,
     build_parameter_ranges,
     parse_range,
+    sample_device,
 )
 from klute_sim.errors import InputError
 from klute_sim.plant.batch import get_model_field, model_fields_differ
@@ -90,8 +91,7 @@ class JointRandomizer:
                 get_model_field(model, name)[:] = value
         for tendon, parameter_ranges in self._parameter_ranges.items():
             if parameter_ranges:
-                changes = {key: float(rng.uniform(*ends)) for key, ends in parameter_ranges.items()}
-                parameters = self.devices[tendon].with_changes(changes, "domain_randomization").parameters
+                parameters, numbers = sample_device(self.devices[tendon], parameter_ranges, rng)
                 model.actuator_user[actuator_ids[tendon], :ROW_SIZE] = pack_parameters(parameters)
-                sampled |= {f"{tendon}/{key}": value for key, value in changes.items()}
+                sampled |= {f"{tendon}/{key}": value for key, value in numbers.items()}
         return sampled
