@@ -164,6 +164,10 @@ def test_sampled_dead_time_delays_commands() -> None:
         assert env.data.act[env._gait_rig.actuator.act_address] - initial_pressure == pytest.approx(rise, abs=1e-6)
 
 
+def test_documented_number_of_grid_values_is_that_of_the_code() -> None:
+    assert f"each have {GRID_SIZE} evenly spaced values" in (AnkleGaitEnv.__doc__ or "")
+
+
 def test_rigs_are_built_once() -> None:
     env = AnkleGaitEnv(domain_randomization={"mass_fraction": 0.1}, strides=1, time_step=1e-3)
     for seed in range(60):

@@ -46,8 +46,7 @@ class AnkleGaitEnv(DeviceEnv):
 
     Default: ``valve`` for a device that takes valve openings, which allows no other kind, and ``pressure`` otherwise.
     The base ``profile`` is that of ``klute-sim gait`` at the *estimated* gait phase. Pressures are clipped to the
-    supply
-    pressure.
+    supply pressure.
 
     ## Observation space
 
@@ -112,7 +111,7 @@ class AnkleGaitEnv(DeviceEnv):
     | ``device`` | numbers of the device file within a fraction, as in ``{"muscle.c10_kpa": 0.1}`` | the keys |
     | ``effects`` | as in ``{"pressure_lag": {"time_constant_s": (0, 0.05)}}`` | ``effects.<name>.<key>`` |
 
-    Mass, speed and slope each have 9 evenly spaced values. The rig of each combination is built and cached when it is
+    Mass, speed and slope each have 5 evenly spaced values. The rig of each combination is built and cached when it is
     first sampled. The Achilles origin stays where the nominal device has it.
 
     ## Versions
