@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from numbers import Real
 from typing import Any, Self
 
 import numpy as np
@@ -36,9 +37,12 @@ class DeviceRanges:
 
     def __post_init__(self) -> None:
         """Raise InputError when a range is invalid."""
+        _check_mapping("device", self.device, 'numbers of the device file with fractions, {"muscle.c10_kpa": 0.1}')
         for name, fraction in self.device.items():
             check_fraction(name, fraction)
+        _check_mapping("effects", self.effects, "effects with the ranges of their parameters")
         for effect, content in self.effects.items():
+            _check_mapping(f"effects.{effect}", content, 'ranges by parameter, {"time_constant_s": (0, 0.05)}')
             for key, value in content.items():
                 if key != "form":
                     parse_range(f"effects.{effect}.{key}", value)
@@ -46,27 +50,38 @@ class DeviceRanges:
     @classmethod
     def from_mapping(cls, ranges: "Self | Mapping[str, Any] | None") -> Self:
         """Return the ranges of a mapping with these names; raises InputError when a name is unknown."""
-        if not isinstance(ranges, Mapping):
-            return cls() if ranges is None else ranges
+        if ranges is None or isinstance(ranges, cls):
+            return ranges or cls()
         known = [range_field.name for range_field in fields(cls)]
+        if not isinstance(ranges, Mapping):
+            raise InputError(f"domain_randomization is {ranges!r}; allowed: ranges by name, {', '.join(known)}")
         for name in ranges:
             if name not in known:
                 raise InputError(f"domain_randomization has no '{name}'; allowed: {', '.join(known)}")
         return cls(**ranges)
 
 
-def check_fraction(name: str, fraction: float) -> None:
+def check_fraction(name: str, fraction: Any) -> None:
     """Raise InputError when the relative deviation ``fraction`` of the number ``name`` is out of range."""
-    if not 0.0 <= fraction <= MAX_VARIATION_FRACTION:
+    if isinstance(fraction, Mapping):
+        keys = ", ".join(f'"{name}.{key}"' for key in fraction)
+        raise InputError(f"domain_randomization has the table '{name}'; allowed: whole keys in quotation marks, {keys}")
+    if not (isinstance(fraction, Real) and 0.0 <= float(fraction) <= MAX_VARIATION_FRACTION):
         raise InputError(
-            f"domain_randomization has {name} = {fraction:g}; allowed: a fraction from 0 to {MAX_VARIATION_FRACTION:g}"
+            f"domain_randomization has {name} = {fraction}; allowed: a fraction from 0 to {MAX_VARIATION_FRACTION:g}"
         )
+
+
+def _check_mapping(name: str, value: Any, allowed: str) -> None:
+    """Raise InputError unless ``value`` maps names to values; ``allowed`` describes them."""
+    if not isinstance(value, Mapping):
+        raise InputError(f"domain_randomization has {name} = {value!r}; allowed: {allowed}")
 
 
 def parse_range(name: str, value: Any) -> Range:
     """Return both ends of the range ``value``; raises InputError unless it has two, finite and in order."""
     try:
-        low, high = (float(end) for end in value)
+        low, high = (float(end) for end in (() if isinstance(value, str) else value))
     except (TypeError, ValueError):
         raise InputError(
             f"domain_randomization has {name} = {value!r}; allowed: two numbers, lower limit first"

@@ -6,6 +6,7 @@ would otherwise be rewarded for a load that nobody carries.
 
 import math
 from collections.abc import Mapping
+from numbers import Real
 
 import numpy as np
 
@@ -43,8 +44,8 @@ def resolve_weights(overrides: Mapping[str, float] | None, defaults: Mapping[str
     for name, value in (overrides or {}).items():
         if name not in defaults:
             raise InputError(f"reward has no term '{name}'; allowed: {', '.join(defaults)}")
-        if not math.isfinite(value):
-            raise InputError(f"the reward weight of {name} is {value:g}; allowed: a finite number")
+        if not (isinstance(value, Real) and math.isfinite(value)):
+            raise InputError(f"the reward weight of {name} is {value}; allowed: a finite number")
     return np.array([float(value) for value in {**defaults, **(overrides or {})}.values()])
 
 
