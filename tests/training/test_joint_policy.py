@@ -47,7 +47,7 @@ def test_default_configuration_of_the_joint_is_valid() -> None:
     configuration, content = config.load_config(None, "joint")
     assert configuration.training_environment is JOINT
     assert run("train", "--env", "joint", "--show-config").stdout == content.decode()
-    with pytest.raises(InputError, match="the environment 'joint' has no 'action'; allowed: device, duration"):
+    with pytest.raises(InputError, match="the environment 'joint' takes no 'action'; allowed: device, duration"):
         config.parse_config(content.replace(b"duration = 5.0", b'action = "residual"'), "mine")
 
 
@@ -59,7 +59,7 @@ def test_joint_has_no_subject(option: str, keyword: str, tmp_path: Path) -> None
     value = {"--foot": "sach", "--reference": "me", "--mass": "70"}.get(option, "1")
     refused = run("train", "--env", "joint", option, value, cwd=tmp_path)
     assert refused.returncode == 2
-    assert f"the subject: the environment 'joint' has no '{keyword}'; allowed: device, duration" in refused.stderr
+    assert f"the subject: the environment 'joint' takes no '{keyword}'; allowed: device, duration" in refused.stderr
     assert len(refused.stderr.splitlines()) == 1
     assert not (tmp_path / "runs").exists()
 

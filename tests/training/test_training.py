@@ -65,7 +65,7 @@ def test_default_configuration_of_the_walk_is_valid(tmp_path: Path) -> None:
     assert config.load_config(file)[0] == config.load_config(file, "walk")[0] == configuration
     with pytest.raises(InputError, match="has env = 'walk', and 'gait' is asked for"):
         config.load_config(file, "gait")
-    with pytest.raises(InputError, match="the subject: the environment 'walk' has no 'mass'; allowed: device, foot"):
+    with pytest.raises(InputError, match="the subject: the environment 'walk' takes no 'mass'; allowed: device, foot"):
         config.load_subject_config(None, {"mass": 70.0}, "walk")
     assert config.load_subject_config(None, {"speed": 1.1}, "walk")[0].environment["speed"] == 1.1
     with pytest.raises(InputError, match="base is 'constant:2'; allowed: machine, profile"):
@@ -77,8 +77,13 @@ def test_default_configuration_of_the_walk_is_valid(tmp_path: Path) -> None:
     [
         (SMALL_CONFIG.replace(b'"ppo"', b'"dqn"'), "algorithm = 'dqn' is refused: input should be 'ppo' or 'sac'"),
         (SMALL_CONFIG + b"[extra]\n", "unknown key 'extra'"),
-        (SMALL_CONFIG.replace(b"strides", b"stride"), "the environment 'gait' has no 'stride'; allowed: device, mass"),
+        (SMALL_CONFIG.replace(b"strides", b"stride"), "the environment 'gait' takes no 'stride'; allowed: device"),
         (SMALL_CONFIG.replace(b"num_envs = 4", b"num_envs = 0"), "num_envs"),
+        (SMALL_CONFIG.replace(b"strides = 1", b"sensor_delay = 1.0"), "sensor_delay = 1.0 is refused; allowed: a wh"),
+        (SMALL_CONFIG.replace(b"strides = 1", b'slope = "steep"'), "slope = 'steep' is refused; allowed: a number"),
+        (SMALL_CONFIG.replace(b"strides = 1", b"device = 3"), "device = 3 is refused; allowed: a text"),
+        (SMALL_CONFIG.replace(b"strides = 1", b"reward = 3"), "reward = 3 is refused; allowed: a table"),
+        (SMALL_CONFIG.replace(b"strides = 1", b'profile = "a.csv"'), "the environment 'gait' takes no 'profile'"),
         (b"algorithm = ", "is not valid TOML"),
         (b"\xff\xfe", "not a UTF-8 text file"),
     ],

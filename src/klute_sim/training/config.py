@@ -1,10 +1,9 @@
 """Configuration of a training: a TOML file."""
 
-import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
@@ -18,6 +17,15 @@ from klute_sim.training.environments import TRAINING_ENVIRONMENTS, TrainingEnvir
 
 EXCLUDED_KEYWORDS = ("num_envs", "autoreset_mode", "max_episode_steps", "render_mode")
 """Keywords of the vector environment that a configuration cannot set."""
+TOML_TYPES: Mapping[Any, tuple[str, tuple[type, ...]]] = {
+    str: ("a text", (str,)),
+    int: ("a whole number", (int,)),
+    float: ("a number", (float, int)),
+    Collection: ("a list", (list,)),
+    Sequence: ("a list", (list,)),
+    Mapping: ("a table", (dict,)),
+}
+"""Type of a keyword -> its name in a sentence, and the types of the values in a file that it takes."""
 
 
 class TrainingConfig(BaseModel):
@@ -124,6 +132,7 @@ def parse_config(content: bytes, source: str) -> TrainingConfig:
     except ValidationError as error:
         raise InputError(f"configuration {source}: {validation_sentence(error, TrainingConfig)}") from None
     _check_keywords(config.env, config.environment, f"configuration {source}")
+    _check_types(config.env, config.environment, f"configuration {source}")
     base = config.environment.get("base", "machine")
     if base not in BASES:
         raise InputError(f"configuration {source}: base is '{base}'; allowed: {', '.join(BASES)}")
@@ -132,8 +141,29 @@ def parse_config(content: bytes, source: str) -> TrainingConfig:
 
 def _check_keywords(env: str, keywords: Iterable[str], source: str) -> None:
     """Raise InputError when the environment ``env`` lacks one of the ``keywords``, which come from ``source``."""
-    parameters = inspect.signature(TRAINING_ENVIRONMENTS[env].make_envs).parameters
-    known = [name for name in parameters if name not in EXCLUDED_KEYWORDS]
+    known = _collect_keyword_types(env)
     for name in keywords:
         if name not in known:
-            raise InputError(f"{source}: the environment '{env}' has no '{name}'; allowed: {', '.join(known)}")
+            raise InputError(f"{source}: the environment '{env}' takes no '{name}'; allowed: {', '.join(known)}")
+
+
+def _check_types(env: str, values: Mapping[str, Any], source: str) -> None:
+    """Raise InputError when one of the ``values`` of keywords of the environment ``env`` has a wrong type."""
+    keyword_types = _collect_keyword_types(env)
+    for name, value in values.items():
+        names, types = zip(*(TOML_TYPES[keyword_type] for keyword_type in keyword_types[name]), strict=True)
+        if isinstance(value, bool) or not isinstance(value, sum(types, ())):
+            raise InputError(f"{source}: {name} = {value!r} is refused; allowed: {' or '.join(names)}")
+
+
+def _collect_keyword_types(env: str) -> dict[str, list[Any]]:
+    """Return keyword -> its :data:`TOML_TYPES`, for the keywords of the environment ``env`` that a file can set."""
+    keyword_types = {}
+    for name, annotation in get_type_hints(TRAINING_ENVIRONMENTS[env].make_envs.__init__).items():
+        alternatives = [annotation, get_origin(annotation)]
+        for alternative in get_args(annotation):
+            alternatives += [alternative, get_origin(alternative)]
+        allowed = [alternative for alternative in alternatives if alternative in TOML_TYPES]
+        if allowed and name not in EXCLUDED_KEYWORDS:
+            keyword_types[name] = allowed
+    return keyword_types
