@@ -20,8 +20,9 @@ from klute_sim.errors import InputError
 from klute_sim.gait.reference import load_reference
 from klute_sim.training import config, training
 from klute_sim.training.environments import TRAINING_ENVIRONMENTS
-from klute_sim.training.evaluate import compare_with_baseline, run_episodes
+from klute_sim.training.evaluate import check_baseline, compare_with_baseline, run_episodes
 from tests.command_line import run
+from tests.envs.test_actions import make_opening_device
 from tests.gait.reference_files import write_reference_folder
 
 GAIT, WALK = TRAINING_ENVIRONMENTS["gait"], TRAINING_ENVIRONMENTS["walk"]
@@ -178,6 +179,14 @@ def test_walks_are_compared_with_the_base_controller() -> None:
     terms = sum(value for name, value in result["policy"].items() if name.startswith("reward_"))
     assert terms == pytest.approx(result["policy"]["return"])
     assert set(result["policy"]) == {"return", "steps", *WALK.totals}
+
+
+def test_environment_that_does_not_take_the_baseline_is_refused() -> None:
+    """Its training would end without a result."""
+    check_baseline(GAIT, {"strides": 1, "time_step": 1e-3})
+    message = r"its baseline, the hand-tuned profile: action is 'residual', and .* takes openings"
+    with pytest.raises(InputError, match=message):
+        check_baseline(GAIT, {"device": make_opening_device(), "strides": 1, "time_step": 1e-3})
 
 
 def test_episode_totals_end_with_episode() -> None:

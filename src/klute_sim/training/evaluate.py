@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from klute_sim.errors import InputError
 from klute_sim.training.environments import Act, TrainingEnvironment
 
 EVALUATION_SEED_OFFSET = 10**12
@@ -35,6 +36,16 @@ def run_episodes(
     envs.close()
     rms = {f"rms_{name}": np.sqrt(values / sums["steps"]) for name, values in squares.items()}
     return {name: values.tolist() for name, values in {**sums, **rms}.items()}
+
+
+def check_baseline(environment: TrainingEnvironment, options: Mapping[str, Any]) -> None:
+    """Raise InputError when the ``environment`` with ``options`` does not take the actions of its baseline."""
+    try:
+        environment.make_envs(1, **{**options, **environment.baseline_options}).close()
+    except InputError as error:
+        raise InputError(
+            f"the policy could not be compared with its baseline, the {environment.baseline}: {error}"
+        ) from None
 
 
 def compare_with_baseline(

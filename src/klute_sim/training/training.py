@@ -23,6 +23,7 @@ from klute_sim.provenance import collect_versions
 from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.training.checkpoint import load_checkpoint
 from klute_sim.training.config import TrainingConfig, compute_reference_digest, load_config, load_subject_config
+from klute_sim.training.evaluate import check_baseline
 from klute_sim.training.folder import CHECKPOINT_FILE, CONFIG_FILE, LEARNING_CURVE_FILE, PROGRESS_FILE
 
 LEARNING_CURVE_COLUMNS = ("minutes", "steps", "episodes", "episode_return", "episode_steps")
@@ -61,8 +62,8 @@ class Training:
     def __init__(self, folder: Path, config: TrainingConfig, progress: TrainingProgress) -> None:
         """Set up the training, from its checkpoint if there is one.
 
-        Raises MissingExtraError without Stable-Baselines3, and InputError when its algorithm lacks a keyword or the
-        checkpoint cannot be read.
+        Raises MissingExtraError without Stable-Baselines3, and InputError when its algorithm refuses a keyword, the
+        environment has no baseline for the evaluation, or the checkpoint cannot be read.
         """
         try:
             import stable_baselines3
@@ -77,6 +78,7 @@ class Training:
         # A resumed training samples other episodes than it started with.
         seed = progress.seed + progress.steps
         envs = TrainingVecEnv(config.training_environment, config.num_envs, seed, config.environment)
+        check_baseline(config.training_environment, config.environment)
         activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[config.activation]
         algorithm_options = config.algorithm_options
         policy_options = {"net_arch": list(config.hidden), "activation_fn": activation}
