@@ -254,6 +254,19 @@ def test_training_resumes_and_exports_its_network(algorithm: str, tmp_path: Path
 
 
 @pytest.mark.long
+def test_squashed_policy_of_ppo_is_exported_as_such(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    options = b"use_sde = true\n[ppo.policy_kwargs]\nsquash_output = true\northo_init = false\n"
+    configuration = config.parse_config(SMALL_CONFIG + options, "squashed.toml")
+    trained = training.Training(tmp_path, configuration, training.TrainingProgress(seed=0))
+    policy = trained.export_policy()
+    observations = np.random.default_rng(0).normal(size=(50, 8)) * 20.0
+    expected, _ = trained.model.predict(observations / policy.observation_scale, deterministic=True)
+    assert np.abs(expected).max() > 0.3
+    assert np.abs(policy(observations) - expected).max() < 1e-5
+
+
+@pytest.mark.long
 def test_algorithm_gets_scaled_rewards_and_reports_returns_unscaled() -> None:
     pytest.importorskip("stable_baselines3")
     from klute_sim.training.vec_env import REWARD_SCALE, TrainingVecEnv

@@ -164,11 +164,12 @@ class Training:
     def export_policy(self) -> Policy:
         """Return the learned policy as plain numbers."""
         environment = self.config.training_environment
-        network, is_squashed = self.model.policy, self.config.algorithm == "sac"
-        modules = [network.actor.latent_pi, network.actor.mu] if is_squashed else [network.mlp_extractor.policy_net]
+        network = self.model.policy
+        if self.config.algorithm == "sac":
+            modules = [network.actor.latent_pi, network.actor.mu]
+        else:
+            modules = [network.mlp_extractor.policy_net, network.action_net]
         linear_layers = [layer for module in modules for layer in module.modules() if hasattr(layer, "in_features")]
-        if not is_squashed:
-            linear_layers.append(network.action_net)
         layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear_layers]
         metadata = {
             "environment": environment.id,
@@ -180,7 +181,7 @@ class Training:
             POLICY_KEY: compute_policy_digest(environment.id),
         }
         observation_scale = np.array(environment.observation_scale, dtype=np.float32)
-        return Policy(observation_scale, layers, self.config.activation, is_squashed, metadata)
+        return Policy(observation_scale, layers, self.config.activation, network.squash_output, metadata)
 
 
 def open_training(
