@@ -267,6 +267,14 @@ def test_squashed_policy_of_ppo_is_exported_as_such(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
+def test_option_that_the_algorithm_refuses_is_named(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    configuration = config.parse_config(SMALL_CONFIG.replace(b"batch_size = 64", b"batch_size = 1"), "mine.toml")
+    with pytest.raises(InputError, match=r"configuration: \[ppo\] `batch_size` must be greater than 1"):
+        training.Training(tmp_path, configuration, training.TrainingProgress(seed=0))
+
+
+@pytest.mark.long
 def test_algorithm_gets_scaled_rewards_and_reports_returns_unscaled() -> None:
     pytest.importorskip("stable_baselines3")
     from klute_sim.training.vec_env import REWARD_SCALE, TrainingVecEnv

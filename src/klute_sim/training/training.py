@@ -82,8 +82,8 @@ class Training:
         activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[config.activation]
         algorithm_options = config.algorithm_options
         policy_options = {"net_arch": list(config.hidden), "activation_fn": activation}
-        policy_options |= algorithm_options.pop("policy_kwargs", {})
         try:
+            policy_options |= algorithm_options.pop("policy_kwargs", {})
             self.model = algorithm(
                 "MlpPolicy",
                 envs,
@@ -92,7 +92,7 @@ class Training:
                 policy_kwargs=policy_options,
                 **algorithm_options,
             )
-        except TypeError as error:
+        except (AssertionError, TypeError, ValueError) as error:
             raise InputError(f"configuration: [{config.algorithm}] {error}") from None
         if (folder / CHECKPOINT_FILE).exists():
             load_checkpoint(self.model, folder / CHECKPOINT_FILE)
