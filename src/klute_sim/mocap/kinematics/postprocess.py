@@ -33,7 +33,7 @@ class ResampledLoads:
     forward: Array
     """Filtered fore-aft force (n,) [N], forward positive; zero in swing, NaN where nothing was measured."""
     cop: Array | None
-    """Centre of pressure (n, 2), forward and up [m]; None if unknown."""
+    """Centre of pressure (n, 2), forward and up [m], NaN in swing; None if unknown."""
     impulses: tuple[float, ...]
     """Vertical impulse [N.s] of each complete contact."""
 
@@ -72,13 +72,18 @@ def resample_loads(
     vertical, forward = resample(loads.vertical), resample(forward_raw)
     cop = None
     if loads.cop is not None:
-        # The centre of pressure jumps at contacts while its moment is smooth, so the moment is filtered.
+        # The centre of pressure jumps at contacts. Its moment and the force are smooth, so these are filtered. Both are
+        # from the samples with a known centre, so their ratio does not depend on the origin of the laboratory.
         known = np.isfinite(loads.cop[:, 0]) & (loads.vertical > options.contact_threshold)
-        moment = np.where(known, loads.vertical * np.nan_to_num(loads.cop[:, 0]), 0.0)
+        force = resample(np.where(known, loads.vertical, 0.0))
+        moment = resample(np.where(known, loads.vertical * np.nan_to_num(loads.cop[:, 0]), 0.0))
+        position = np.full(len(time), np.nan)
+        for c in contacts:
+            inside = (time >= c.foot_strike) & (time <= c.toe_off)
+            is_heavy = inside & (force > options.contact_threshold)
+            if is_heavy.any():
+                position[inside] = np.interp(time[inside], time[is_heavy], moment[is_heavy] / force[is_heavy])
         height = float(np.median(loads.cop[known, 1])) if known.any() else 0.0
-        position = np.divide(
-            resample(moment), vertical, out=np.zeros(len(time)), where=vertical > options.contact_threshold
-        )
         cop = np.stack([position, np.full(len(time), height)], axis=1)
     return ResampledLoads(contacts, vertical, forward, cop, tuple(impulses))
 
