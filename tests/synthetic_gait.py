@@ -133,8 +133,11 @@ def treadmill(folder: Path, walker: Walker) -> Path:
     return path
 
 
-def c3d(folder: Path, walker: Walker) -> Path:
-    """Markers in millimetres, z up and y forward, and two force plates of type 2, one for each foot; needs ezc3d."""
+def c3d(folder: Path, walker: Walker, moment_unit: str = "Nmm", readings: tuple[float, ...] = 6 * (0.0,)) -> Path:
+    """Markers in millimetres, z up and y forward, and two force plates of type 2, one for each foot; needs ezc3d.
+
+    ``readings`` are those of the channels of an empty plate [N, N.mm].
+    """
     import ezc3d
 
     turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # laboratory's x, y, z of forward, up, right
@@ -149,12 +152,15 @@ def c3d(folder: Path, walker: Walker) -> Path:
         channels += [np.zeros_like(up), ahead, up, (centre - 3000.0) * up, 0.0 * up, 0.0 * up]
     file = ezc3d.c3d()
     file["data"]["points"] = points
-    file["data"]["analogs"] = np.stack(channels)[None]
+    loads = np.stack(channels) + np.tile(readings, 2)[:, None]
+    if moment_unit == "Nm":
+        loads[[3, 4, 5, 9, 10, 11]] /= 1e3
+    file["data"]["analogs"] = loads[None]
     point, analog = file["parameters"]["POINT"], file["parameters"]["ANALOG"]
     point["LABELS"]["value"], point["UNITS"]["value"] = list(placed), ["mm"]
     point["RATE"]["value"], analog["RATE"]["value"] = [walker.rate], [walker.rate]
     analog["LABELS"]["value"] = [f"{name}{plate}" for plate in "12" for name in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")]
-    analog["UNITS"]["value"] = 2 * ["N", "N", "N", "Nmm", "Nmm", "Nmm"]
+    analog["UNITS"]["value"] = 2 * ["N", "N", "N", moment_unit, moment_unit, moment_unit]
     plates = file["parameters"]["FORCE_PLATFORM"]
     plates["USED"]["value"], plates["TYPE"]["value"] = [2], [2, 2]
     corners = np.array([[[x + 90, 6000, 0], [x - 90, 6000, 0], [x - 90, 0, 0], [x + 90, 0, 0]] for x in (100, -100)])

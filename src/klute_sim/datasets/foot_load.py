@@ -48,13 +48,20 @@ def estimate_plate_offset(vertical_force: Array, forward_force: Array) -> PlateO
     """Return the offset of a plate from ``vertical_force`` and ``forward_force`` [N] at the same times, (n,) each."""
     is_known = np.isfinite(vertical_force) & np.isfinite(forward_force)
     vertical_force, forward_force = vertical_force[is_known], forward_force[is_known]
-    is_unloaded = ~find_loaded_samples(vertical_force)
+    is_unloaded = find_unloaded_samples(vertical_force)
     vertical, forward = estimate_force_offset(vertical_force), 0.0
-    if is_unloaded.sum() > UNLOADED_FRACTION * len(is_unloaded):
+    if is_unloaded.any():
         forward = float(np.median(forward_force[is_unloaded]))
         max_forward = MAX_FORWARD_OFFSET_FRACTION * float(np.percentile(vertical_force, HIGH_PERCENTILE))
         forward = forward if abs(forward) <= max_forward else 0.0
     return PlateOffset(vertical, forward)
+
+
+def find_unloaded_samples(vertical_force: Array) -> Mask:
+    """Return which samples of ``vertical_force`` [N] are readings of an unloaded plate; none if they are too few."""
+    is_unloaded = ~find_loaded_samples(vertical_force) & np.isfinite(vertical_force)
+    is_sufficient = is_unloaded.sum() > UNLOADED_FRACTION * len(is_unloaded)
+    return is_unloaded if is_sufficient else np.zeros_like(is_unloaded)
 
 
 def find_loaded_samples(vertical_force: Array, threshold: float = CONTACT_FORCE_THRESHOLD) -> Mask:

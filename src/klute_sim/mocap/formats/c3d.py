@@ -1,7 +1,6 @@
 """C3D files: markers and force plates, read with the library ezc3d (optional extra, imported on use).
 
-The force of a plate is the force of the plate's surface on the body, so up is positive; the library converts the
-channels of plates of types 1 to 4. The centre of pressure is in the laboratory frame.
+:mod:`klute_sim.mocap.formats.force_plates` converts the channels of the plates.
 """
 
 import struct
@@ -18,8 +17,9 @@ from klute_sim.files.isolation import run_isolated
 from klute_sim.files.json import parse_json
 from klute_sim.files.limits import MAX_DECODED_BYTES
 from klute_sim.files.npz import parse_npz
-from klute_sim.mocap.formats import content
+from klute_sim.mocap.formats import content, force_plates
 from klute_sim.mocap.formats.content import FileContent
+from klute_sim.mocap.formats.force_plates import FORCE_UNITS, ForcePlate, RawPlate
 from klute_sim.mocap.formats.trc import LENGTH_UNITS, Markers
 from klute_sim.types import Array
 
@@ -36,20 +36,6 @@ EVENT_LABELS = {
     **dict.fromkeys(("foot off", "toe off"), False),
 }
 """Label of an event in lower case -> whether it is a foot strike."""
-FORCE_UNITS = {"N": 1.0, "kN": 1e3}
-"""Force unit in the file -> newtons."""
-
-
-@dataclass(frozen=True, eq=False)
-class ForcePlate:
-    """Samples of one force plate in the laboratory frame."""
-
-    time: Array
-    """Sample times (n,) [s]."""
-    force: Array
-    """Force on the body (n, 3) [N]."""
-    cop: Array
-    """Centre of pressure (n, 3) [m]; NaN while the plate is not loaded."""
 
 
 @dataclass(frozen=True)
@@ -133,23 +119,39 @@ def _build_capture(metadata: Mapping[str, Any], arrays: Mapping[str, Array], fil
     points[:, (points == 0.0).all(axis=0)] = np.nan  # older files write the origin for a hidden marker
     labels = [label.strip() for label in metadata["labels"]][: points.shape[1]]
     positions = {label: points[:, k].T for k, label in enumerate(labels) if label and not label.startswith("*")}
-    plates = []
-    for number, (force_unit, length_unit) in enumerate(metadata["plates"]):
-        if force_unit not in FORCE_UNITS or length_unit.lower() not in LENGTH_UNITS:
-            raise InputError(
-                f"{file_name}: a force plate in {force_unit[:20]!r} and {length_unit[:20]!r}; allowed: N, kN; mm, cm, m"
-            )
-        force = FORCE_UNITS[force_unit] * arrays[f"force{number}"].T
-        if not (np.abs(force) < MAX_FORCE).all():
-            raise InputError(
-                f"{file_name}: force plate {number + 1} exceeds {MAX_FORCE:g} N or is not finite; its channels are "
-                "damaged"
-            )
-        cop = LENGTH_UNITS[length_unit.lower()] * arrays[f"cop{number}"].T
-        plates.append(ForcePlate(np.arange(len(force)) / analog_rate, force, cop))
+    plates = _convert_plates(metadata, arrays, LENGTH_UNITS[unit.lower()], file_name)
     time = np.arange(points.shape[2]) / rate
     events = _parse_events(metadata["events"], metadata["first_frame"] / rate, time[-1])
-    return Capture(Markers(time, positions), tuple(plates), metadata["software"], events)
+    return Capture(Markers(time, positions), plates, metadata["software"], events)
+
+
+def _convert_plates(
+    metadata: Mapping[str, Any], arrays: Mapping[str, Array], length_unit: float, file_name: str
+) -> tuple[ForcePlate, ...]:
+    """Return the force plates; ``length_unit`` [m] is that of the markers."""
+    force_unit = metadata["force_unit"] or "N"
+    if metadata["plates"] and force_unit not in FORCE_UNITS:
+        raise InputError(f"{file_name}: force plates in {force_unit[:20]!r}; allowed: {', '.join(FORCE_UNITS)}")
+    plates = []
+    for number, described in enumerate(metadata["plates"]):
+        name, channels = f"{file_name}: force plate {number + 1}", arrays[f"channels{number}"]
+        if not np.isfinite(channels).all():
+            raise InputError(f"{name} is not finite; its channels are damaged")
+        raw = RawPlate(
+            plate_type=described["type"],
+            channels=channels,
+            units=described["units"],
+            corners=length_unit * arrays[f"corners{number}"],
+            origin=length_unit * arrays[f"origin{number}"],
+            calibration=arrays[f"calibration{number}"],
+            cop_polynomial=arrays[f"polynomial{number}"].ravel(order="F"),
+        )
+        time = np.arange(channels.shape[1]) / float(metadata["analog_rate"])
+        plate = force_plates.convert(raw, time, FORCE_UNITS[force_unit], length_unit, name)
+        if not (np.abs(plate.force) < MAX_FORCE).all():
+            raise InputError(f"{name} exceeds {MAX_FORCE:g} N; its channels are damaged")
+        plates.append(plate)
+    return tuple(plates)
 
 
 def _parse_events(rows: Sequence[tuple[str, str, float]], start: float, duration: float) -> tuple[GaitEvent, ...]:

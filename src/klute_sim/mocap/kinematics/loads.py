@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from klute_sim.datasets.foot_load import estimate_plate_offset
+from klute_sim.datasets.foot_load import PlateOffset, estimate_plate_offset
 from klute_sim.errors import InputError
 from klute_sim.gait.contacts import Contact, find_contacts
 from klute_sim.mocap.import_log import ImportLog
@@ -36,6 +36,8 @@ COP_TOLERANCE = 1e-9
 MAX_SHARED_COP_FRACTION = 0.2
 """Largest fraction of samples with equal centres of pressure of both feet that is not reported; double support takes a
 third of a stride."""
+MIN_STEP_FORCE = 50.0
+"""Smallest range of the force on a plate that somebody steps on [N] (assumed)."""
 CONTACT_MARGIN = 0.02
 """Time [s] before and after a contact in which loads below the threshold belong to it."""
 
@@ -69,7 +71,7 @@ def read_foot_loads(trial: Sequence[SourceFile], options: ImportOptions, log: Im
                 continue
             up, ahead = _find_axes(np.stack([c.values for c in columns], axis=1))
             vertical, forward = vertical or columns[up], forward or columns[ahead]
-        sign = 1.0 if np.nanmean(vertical.values) > 0.0 else -1.0
+        sign = -1.0 if _points_down(vertical.values) else 1.0
         for channel, column, axis_reason in (
             (channel_names.GRF_VERTICAL, vertical, "the axis with the largest mean load"),
             (channel_names.GRF_FORWARD, forward, "of the other axes, the one with the largest range"),
@@ -126,6 +128,8 @@ def read_plate_loads(
             plate_name = f"plate {number}"
             force, cop = frame.rotate(plate.force), frame.rotate(plate.cop)
             force, sign = _orient_upward(force, 1, plate_name, file_name, log)
+            forward, vertical, _ = sign * frame.rotate(plate.offset)
+            _warn_of_offset(PlateOffset(vertical, forward), plate_name, file_name, log)
             plate_loads[plate_name] = GroundReaction(file_name, plate.time, force[:, 1], force[:, 0], cop[:, :2])
             log.add_channel(
                 **{"channel": "ground reaction", "side": plate_name, "file": file_name},
@@ -179,21 +183,35 @@ def _read_opensim_plates(
 
 def _orient_upward(force: Array, up: int, description: str, file_name: str, log: ImportLog) -> tuple[Array, int]:
     """Return ``force`` (n, 3) on the body and its sign; some programs record the force on the plate."""
-    if not np.nanmean(force[:, up]) < 0.0:
+    if not _points_down(force[:, up]):
         return force, 1
     log.add_warning(f"{file_name}: {description} points down; its sign was reversed to act on the body")
     return -force, -1
 
 
+def _points_down(vertical: Array) -> bool:
+    """Return whether a ``vertical`` force (n,) [N] is largest downward; that of an empty plate does not count."""
+    known = vertical[np.isfinite(vertical)]
+    if not len(known) or np.ptp(known) < MIN_STEP_FORCE:
+        return False
+    low, high = np.percentile(known, [0.5, 99.5])
+    return bool(-low > high)
+
+
 def remove_offset(loads: GroundReaction, description: str, log: ImportLog) -> GroundReaction:
     """Return ``loads`` without the forces of the empty plate."""
     offset = estimate_plate_offset(loads.vertical, loads.forward)
-    if max(map(abs, offset)) > MAX_PLATE_OFFSET:
-        log.add_warning(
-            f"{loads.file_name}: {description} is {offset.vertical:.1f} N on the empty plate, and the fore-aft load "
-            f"{offset.forward:.1f} N; this offset was removed"
-        )
+    _warn_of_offset(offset, description, loads.file_name, log)
     return replace(loads, vertical=loads.vertical - offset.vertical, forward=loads.forward - offset.forward)
+
+
+def _warn_of_offset(offset: PlateOffset, description: str, file_name: str, log: ImportLog) -> None:
+    if max(map(abs, offset)) > MAX_PLATE_OFFSET:
+        vertical, forward = (round(reading, 1) + 0.0 for reading in offset)  # zero removes the sign of a negative zero
+        log.add_warning(
+            f"{file_name}: {description} is {vertical:.1f} N on the empty plate, and the fore-aft load "
+            f"{forward:.1f} N; this offset was removed"
+        )
 
 
 def assign_to_feet(

@@ -13,8 +13,9 @@ from klute_sim.errors import InputError
 from klute_sim.files.lines import check_time_stamps
 from klute_sim.files.parquet import open_parquet
 from klute_sim.mocap.formats import c3d, content, storage, trc
-from klute_sim.mocap.formats.c3d import ForcePlate, GaitEvent
+from klute_sim.mocap.formats.c3d import GaitEvent
 from klute_sim.mocap.formats.content import FileContent
+from klute_sim.mocap.formats.force_plates import ForcePlate
 from klute_sim.mocap.formats.trc import Markers
 from klute_sim.mocap.parsing import channel_names
 from klute_sim.mocap.parsing.channel_names import split_unit, strip_unit

@@ -1,0 +1,65 @@
+"""Force plates of other laboratories: units, readings of the empty plate, and samples that are missing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.datasets.foot_load import find_unloaded_samples
+from klute_sim.gait import reference
+from klute_sim.mocap import reference_import
+from klute_sim.mocap.options import ImportOptions
+from klute_sim.mocap.reference_import import ImportedReference
+from tests import synthetic_gait
+from tests.mocap.motion_files import edit_columns, has_sentence, write_c3d, write_opensim
+from tests.synthetic_gait import HUMAN, MASS, Walker
+
+MOMENT = "ankle_plantarflexor_moment_nm_per_kg"
+READINGS = (9.0, -15.0, 60.0, 12_000.0, -8_000.0, 3_000.0)
+"""Readings of the channels of a plate that was not zeroed [N, N.mm]."""
+
+
+def run_import(*paths: Path) -> ImportedReference:
+    return reference_import.import_reference(paths, ImportOptions(mass=MASS))
+
+
+def compare(imported: ImportedReference, plain: ImportedReference, tolerance: float = 1e-3) -> None:
+    for column in reference.REQUIRED_COLUMNS:
+        assert imported.table[column] == pytest.approx(plain.table[column], abs=tolerance), column
+
+
+def test_moments_of_a_plate_may_be_in_newton_metres(tmp_path: Path) -> None:
+    plain = run_import(*write_c3d(tmp_path))
+    assert plain.table[MOMENT] == pytest.approx(HUMAN(MOMENT, plain.table[reference.PHASE_COLUMN] / 100.0), abs=0.06)
+    compare(run_import(synthetic_gait.c3d(tmp_path, Walker(), moment_unit="Nm")), plain)
+
+
+def test_plates_that_were_not_zeroed_give_the_same_stride(tmp_path: Path) -> None:
+    plain = run_import(*write_c3d(tmp_path))
+    imported = run_import(synthetic_gait.c3d(tmp_path, Walker(), readings=READINGS))
+    compare(imported, plain)
+    assert imported.impulse_mass == pytest.approx(plain.impulse_mass, rel=1e-4)
+    assert has_sentence(imported, "warnings", "plate 1 is 60.0 N on the empty plate, and the fore-aft load -15.0 N")
+    assert not has_sentence(imported, "warnings", "points down")
+
+
+def test_fore_aft_reading_of_an_empty_plate_is_removed(tmp_path: Path) -> None:
+    paths = write_opensim(tmp_path)
+    plain = run_import(*paths)
+    edit_columns(paths[1], lambda label, s: s + 20.0 if label.endswith("_vx") else s)
+    imported = run_import(*paths)
+    compare(imported, plain)
+    assert has_sentence(imported, "warnings", "plate 1 is 0.0 N on the empty plate, and the fore-aft load 20.0 N")
+
+
+@pytest.mark.parametrize("offset", [-80.0, 0.0, 90.0])
+def test_empty_plate_is_told_from_a_plate_under_two_feet(offset: float) -> None:
+    walker, rng = Walker(rate=500.0), np.random.default_rng(0)
+    right, left = (walker.of("grf_vertical_n_per_kg", side) for side in ("right", "left"))
+    noise = 2.0 * rng.standard_normal(len(right))
+    empty = find_unloaded_samples(right + offset + noise)
+    assert not empty[walker.of("grf_vertical_n_per_kg", "right") > 60.0].any()
+    assert np.median((right + offset + noise)[empty]) == pytest.approx(offset, abs=1.0)
+    assert not find_unloaded_samples(right + left + offset + noise).any()
+    assert not find_unloaded_samples(np.full(100, 700.0)).any()
+    assert not find_unloaded_samples(np.full(100, np.nan)).any()
