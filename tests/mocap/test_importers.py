@@ -158,6 +158,30 @@ def test_pelvis_tilt_sign_follows_mapping_only(tmp_path: Path) -> None:
     assert any(e["channel"] == "pelvis_tilt" and e["sign"] == -1 for e in log.channels)
 
 
+@pytest.mark.parametrize(("sign", "zero"), [(1, 0.0), (-1, 0.0), (-1, 6.0)])
+def test_tables_may_state_the_forward_tilt_of_the_pelvis(sign: int, zero: float, tmp_path: Path) -> None:
+    angles, *others = synthetic_gait.opensim(tmp_path, Walker(), tilt=10.0)
+    expected = extract_legs([angles, *others], RAW)["right"].channels
+    columns = dict(storage.read(angles).columns)
+    columns["pelvis_tilt"] = sign * columns["pelvis_tilt"] + zero
+    units = {"time": "s", "pelvis_tx": "m"}
+    rows = [",".join(f"{name} [{units.get(name, 'deg')}]" for name in columns)]
+    rows += [",".join(map(repr, map(float, row))) for row in zip(*columns.values(), strict=True)]
+    table, map_file = tmp_path / "angles.csv", tmp_path / "map.toml"
+    table.write_text("\n".join(rows) + "\n")
+    map_file.write_text(
+        f'[body]\npelvis_tilt = {{ column = "pelvis_tilt [deg]", sign = {sign}, zero = {sign * zero} }}\n'
+    )
+    given = replace(RAW, mapping=mapping.read(map_file))
+    log = ImportLog()
+    imported = extract_legs([table, *others], given if zero else RAW, log)["right"].channels
+    for name in ("shank_angle", "ankle_angle"):
+        assert imported[name] == pytest.approx(expected[name]), name
+    (entry,) = [e for e in log.channels if e["channel"] == "pelvis_tilt"]
+    assert (entry["sign"], entry["zero"]) == (sign, sign * zero)
+    assert ("as specified" if zero else "people tilt the pelvis forward") in entry["reason"]
+
+
 def test_mass_is_estimated_and_contradiction_is_reported(tmp_path: Path) -> None:
     paths = write_opensim(tmp_path)
     assert reference_import.import_reference(paths, ImportOptions()).mass == pytest.approx(69.5, abs=0.3)

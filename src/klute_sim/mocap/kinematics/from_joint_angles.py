@@ -23,12 +23,15 @@ from klute_sim.mocap.parsing.channel_lookup import Column, apply_given_sign, fin
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.markers import WalkingFrame
 from klute_sim.mocap.parsing.missing_columns import describe_missing_load
-from klute_sim.mocap.parsing.sources import SourceFile
+from klute_sim.mocap.parsing.sources import OPENSIM_STORAGE, SourceFile
 from klute_sim.plausibility.gait.steps import Series
 from klute_sim.types import Array
 
 MIN_PELVIS_TRAVEL = 0.5
 """Shortest distance [m] that the pelvis travels in overground walking; less is treadmill walking."""
+MIN_PELVIS_TILT = 2.0
+"""Smallest median tilt of the pelvis [deg] that shows its sign; people walk with the pelvis tilted forward by about 10
+degrees (assumed: nobody tilts it backward by more than this)."""
 LEG_COLUMNS = (
     *(name for name in channel_names.ANGLE_CHANNELS if name != channel_names.PELVIS_TILT),
     channel_names.ANKLE_MOMENT,
@@ -58,7 +61,7 @@ class _BodyColumns:
     """Channels common to both legs."""
 
     pelvis_tilt: Column | None
-    """Tilt of the pelvis; None if unknown."""
+    """Tilt of the pelvis, backward positive; None if unknown."""
     belt_speed: Column | None
     """Speed of the treadmill belt; None if unknown."""
     walking_speed: float | None
@@ -98,20 +101,37 @@ def _find_body_columns(trial: Sequence[SourceFile], options: ImportOptions, log:
     belt_columns = [find_column(trial, channel_names.BELT_SPEED, side, options) for side in (None, *SIDES)]
     belt_speed = next((column for column in belt_columns if column is not None), None)
     pelvis_tilt = find_column(trial, channel_names.PELVIS_TILT, None, options)
-    if pelvis_tilt is not None and pelvis_tilt.spec is not None and pelvis_tilt.spec.sign == -1:
-        pelvis_tilt = replace(pelvis_tilt, values=-pelvis_tilt.values)
-    for column, sign_reason in (
-        (belt_speed, ""),
-        (pelvis_x, ""),
-        (pelvis_tilt, "; sign: backward positive, as in OpenSim, because walking does not determine it"),
-    ):
+    for column in (belt_speed, pelvis_x):
         if column is not None:
-            log.add_channel(
-                **{"channel": column.channel, "side": "body", "file": column.file_name, "column": column.label},
-                **{"unit": column.unit, "sign": (column.spec and column.spec.sign) or 1, "zero": 0.0},
-                reason=f"unit {column.unit_reason}{sign_reason}" if column.spec is None else "as specified",
-            )
+            sign = (column.spec and column.spec.sign) or 1
+            reason = f"unit {column.unit_reason}" if column.spec is None else "as specified"
+            _log_body_column(column, sign, 0.0, reason, log)
+    if pelvis_tilt is not None:
+        pelvis_tilt = _apply_tilt_sign(pelvis_tilt, log)
     return _BodyColumns(pelvis_tilt, belt_speed, _estimate_speed(pelvis_x))
+
+
+def _apply_tilt_sign(column: Column, log: ImportLog) -> Column:
+    """Return the tilt of the pelvis with the standard sign, backward positive, and log the reason."""
+    spec, median = column.spec, float(np.nanmedian(column.values))
+    if spec is not None and spec.sign is not None:
+        sign, reason = spec.sign, "as specified"
+    elif column.source.file_type == OPENSIM_STORAGE:
+        sign, reason = 1, "backward positive, as in OpenSim"
+    elif abs(median) >= MIN_PELVIS_TILT:
+        sign, reason = (-1 if median > 0.0 else 1), "people tilt the pelvis forward in walking"
+    else:
+        sign, reason = 1, "backward positive, as in OpenSim; the tilt is too small to show it"
+    zero = (spec and spec.zero) or 0.0
+    _log_body_column(column, sign, zero, f"unit {column.unit_reason}; sign: {reason}", log)
+    return replace(column, values=sign * column.values - (column.zero or 0.0))
+
+
+def _log_body_column(column: Column, sign: int, zero: float, reason: str, log: ImportLog) -> None:
+    log.add_channel(
+        **{"channel": column.channel, "side": "body", "file": column.file_name, "column": column.label},
+        **{"unit": column.unit, "sign": sign, "zero": zero, "reason": reason},
+    )
 
 
 def _find_walking_frame(trial: Sequence[SourceFile], options: ImportOptions, log: ImportLog) -> WalkingFrame | None:
