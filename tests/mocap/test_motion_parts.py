@@ -157,6 +157,15 @@ def test_short_gaps_are_filled_and_long_ones_remain() -> None:
     assert np.isnan(filters.low_pass(edge, 100.0, 6.0)).sum() == 5
 
 
+def test_both_sides_of_a_gap_are_filtered() -> None:
+    time = np.arange(0.0, 6.0, 0.01)
+    shake = np.sin(2.0 * np.pi * 30.0 * time)
+    shake[280:310] = np.nan
+    result = filters.low_pass(shake, 100.0, 6.0)
+    for part in (slice(50, 230), slice(360, 550)):
+        assert np.abs(result[part]).max() < 0.01
+
+
 def test_contact_events_are_interpolated() -> None:
     time = np.arange(0.0, 1.01, 0.01)
     load = np.where((time > 0.195) & (time < 0.805), 500.0, 0.0)

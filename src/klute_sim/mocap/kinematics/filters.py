@@ -6,7 +6,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from klute_sim.errors import InputError
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 
 N_PASSES = 2
 """Number of filter passes: forward and backward."""
@@ -15,6 +15,8 @@ PASS_ORDER = 2
 CUTOFF_CORRECTION = (2.0 ** (1.0 / N_PASSES) - 1.0) ** (1.0 / (2 * PASS_ORDER))
 """Ratio of the two-pass cutoff to the cutoff of one pass, 0.802 (Winter, Biomechanics and Motor Control of Human
 Movement, 2.2)."""
+MIN_FILTERED_SAMPLES = 3 * (2 * PASS_ORDER + 1)
+"""Number of samples by which the filter extends a signal at both ends, so that a part must have more."""
 MAX_GAP = 0.2
 """Longest gap [s] that is filled by linear interpolation (assumed)."""
 MAX_CLOCK_JITTER = 0.2
@@ -31,8 +33,8 @@ def describe_filter(cutoff: float) -> str:
 def low_pass(samples: Array, rate: float, cutoff: float) -> Array:
     """Return ``samples`` (n, ...) at ``rate`` [Hz], low-pass filtered along the first axis at ``cutoff`` [Hz].
 
-    A cutoff of 0 returns the samples unchanged; leading and trailing NaN remain. Raises InputError if the cutoff is
-    too high for the rate.
+    A cutoff of 0 returns the samples unchanged. NaN remain, and the parts between them are filtered separately, except
+    those of up to :data:`MIN_FILTERED_SAMPLES`. Raises InputError if the cutoff is too high for the rate.
     """
     if cutoff <= 0.0:
         return samples
@@ -45,12 +47,16 @@ def low_pass(samples: Array, rate: float, cutoff: float) -> Array:
     sections = butter(PASS_ORDER, cutoff / CUTOFF_CORRECTION, fs=rate, output="sos")
     result = np.array(samples, dtype=np.float64)
     for column in result.reshape(len(result), -1).T:
-        known = np.flatnonzero(np.isfinite(column))
-        if len(known) > 3 * (2 * PASS_ORDER + 1):
-            inside = slice(known[0], known[-1] + 1)
-            if np.isfinite(column[inside]).all():
-                column[inside] = sosfiltfilt(sections, column[inside])
+        for start, stop in find_runs(np.isfinite(column)):
+            if stop - start > MIN_FILTERED_SAMPLES:
+                column[start:stop] = sosfiltfilt(sections, column[start:stop])
     return result
+
+
+def find_runs(mask: Mask) -> list[tuple[int, int]]:
+    """Return the first index and the index after the last of each run of true values in ``mask`` (n,)."""
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def fill_gaps(samples: Array, time: Array) -> Array:
