@@ -8,6 +8,7 @@ import pytest
 from klute_sim.datasets.foot_load import find_unloaded_samples
 from klute_sim.gait import reference
 from klute_sim.mocap import reference_import
+from klute_sim.mocap.formats import storage
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.reference_import import ImportedReference
 from tests import synthetic_gait
@@ -50,6 +51,43 @@ def test_fore_aft_reading_of_an_empty_plate_is_removed(tmp_path: Path) -> None:
     imported = run_import(*paths)
     compare(imported, plain)
     assert has_sentence(imported, "warnings", "plate 1 is 0.0 N on the empty plate, and the fore-aft load 20.0 N")
+
+
+def remove_samples(path: Path, rows: slice) -> None:
+    def remove(label: str, samples: np.ndarray) -> np.ndarray:
+        return np.where(np.isin(np.arange(len(samples)), np.arange(1000)[rows]), np.nan, samples)
+
+    edit_columns(path, lambda label, s: remove(label, s) if label.endswith(("_vx", "_vy")) else s)
+
+
+def test_a_short_dropout_is_interpolated_before_the_feet_are_told_apart(tmp_path: Path) -> None:
+    paths = write_opensim(tmp_path)
+    plain = run_import(*paths)
+    remove_samples(paths[1], slice(150, 162))  # 0.12 s of the right foot's stance, while the left one swings
+    imported = run_import(*paths)
+    assert {side: len(strides) for side, strides in imported.strides.items()} == {"right": 3, "left": 3}
+    compare(imported, plain, tolerance=0.25)
+
+
+@pytest.mark.parametrize("rows", [slice(150, 180), slice(115, 125), slice(110, 135)])
+def test_a_dropout_makes_no_heel_strike(rows: slice, tmp_path: Path) -> None:
+    paths = write_opensim(tmp_path)
+    plain = run_import(*paths)
+    remove_samples(paths[1], rows)
+    imported = run_import(*paths)
+    starts = [stride.start for side in ("right", "left") for stride in plain.strides[side]]
+    for side in imported.strides:
+        for stride in imported.strides[side]:
+            assert min(abs(stride.start - start) for start in starts) < 1e-6
+            assert not 0.01 * rows.start < stride.start < 0.01 * rows.stop
+
+
+def test_an_empty_plate_may_read_nothing(tmp_path: Path) -> None:
+    paths = write_opensim(tmp_path)
+    plain = run_import(*paths)
+    is_empty = {plate: storage.read(paths[1]).columns[f"ground_force_{plate}_vy"] == 0.0 for plate in "12"}
+    edit_columns(paths[1], lambda label, s: s if label == "time" else np.where(is_empty[label[13]], np.nan, s))
+    compare(run_import(*paths), plain)
 
 
 @pytest.mark.parametrize("offset", [-80.0, 0.0, 90.0])

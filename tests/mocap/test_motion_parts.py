@@ -182,6 +182,28 @@ def test_contact_events_are_interpolated() -> None:
     assert contacts.find_contacts(time, np.zeros(101)) == []
 
 
+def test_a_gap_has_no_contact_event() -> None:
+    time = np.arange(0.0, 1.01, 0.01)
+    load = np.clip(1e4 * np.minimum(time - 0.1, 0.9 - time), 0.0, 500.0)
+    load[40:60] = np.nan
+    (bridged,) = contacts.find_contacts(time, load)
+    assert (bridged.has_foot_strike, bridged.has_toe_off) == (True, True)
+    load[5:20] = np.nan  # the heel strike is somewhere in it
+    (contact,) = contacts.find_contacts(time, load)
+    assert (contact.has_foot_strike, contact.has_toe_off) == (False, True)
+    assert contact.foot_strike == 0.2
+    assert contact.toe_off == bridged.toe_off
+
+
+def test_a_swing_may_be_left_out() -> None:
+    time = np.arange(0.0, 2.01, 0.01)
+    phase = time % 1.0
+    load = np.clip(5e3 * np.minimum(phase - 0.1, 0.7 - phase), 0.0, 500.0)
+    events = contacts.find_contacts(time, load)
+    assert len(events) == 2
+    assert contacts.find_contacts(time, np.where(load > 0.0, load, np.nan)) == events
+
+
 @pytest.mark.parametrize(
     ("label", "channel", "side", "sign"),
     [

@@ -105,7 +105,7 @@ def _add_ground_reaction(
     if side not in kinematics.loads:
         log.add_missing(f"{trial_name}: no ground reaction of the {side} foot, which the replay needs")
         return None
-    load = loads.remove_offset(kinematics.loads[side], f"the {side} foot's vertical load", log)
+    load = loads.clean(kinematics.loads[side], f"the {side} foot's vertical load", options, log)
     contacts = find_contacts(load.time, load.vertical, options.contact_threshold)
     sign = conventions.detect_sign(channel_names.GRF_FORWARD, load.time, load.forward, contacts)
     if sign == -1 and kinematics.from_plates:

@@ -41,8 +41,12 @@ def _compute_phase(recording: Recording) -> tuple[Recording, int] | None:
         return None
     time = recording[TIME_CHANNEL]
     contacts = find_contacts(time, factor * recording[VERTICAL_FORCE])
-    foot_strikes = [c.foot_strike for c in contacts if c.has_foot_strike]
-    strides = [(a, b) for a, b in pairwise(foot_strikes) if MIN_STRIDE_TIME <= b - a <= MAX_STRIDE_TIME]
+    bounds = [
+        (contact.foot_strike, following.foot_strike)
+        for contact, following in pairwise(contacts)
+        if contact.has_foot_strike and contact.has_toe_off and following.has_foot_strike
+    ]
+    strides = [(begin, end) for begin, end in bounds if MIN_STRIDE_TIME <= end - begin <= MAX_STRIDE_TIME]
     if not strides:
         return None
     number, phase = np.zeros(len(time)), np.zeros(len(time))

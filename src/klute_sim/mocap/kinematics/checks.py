@@ -50,7 +50,8 @@ def find_side_findings(knee: Series, contacts: Sequence[Contact], side: Side, fi
     differences = []
     for first, second in pairwise(contacts):
         stance, swing = first.toe_off - first.foot_strike, second.foot_strike - first.toe_off
-        if not first.has_foot_strike or not 0.2 < swing / stance < 2.2:
+        is_known = first.has_foot_strike and first.has_toe_off and second.has_foot_strike
+        if not is_known or not 0.2 < swing / stance < 2.2:
             continue
         under_load = _average(knee, first.foot_strike + 0.2 * stance, first.foot_strike + 0.7 * stance)
         unloaded = _average(knee, first.toe_off + 0.1 * swing, first.toe_off + 0.7 * swing)

@@ -12,8 +12,10 @@ import numpy as np
 
 from klute_sim.datasets.foot_load import PlateOffset, estimate_plate_offset
 from klute_sim.errors import InputError
-from klute_sim.gait.contacts import Contact, find_contacts
+from klute_sim.gait.contacts import MAX_EVENT_GAP, Contact, fill_swings, find_contacts
 from klute_sim.mocap.import_log import ImportLog
+from klute_sim.mocap.kinematics import filters
+from klute_sim.mocap.kinematics.filters import find_runs
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_lookup, channel_names
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
@@ -198,11 +200,23 @@ def _points_down(vertical: Array) -> bool:
     return bool(-low > high)
 
 
-def remove_offset(loads: GroundReaction, description: str, log: ImportLog) -> GroundReaction:
-    """Return ``loads`` without the forces of the empty plate."""
+def clean(loads: GroundReaction, description: str, options: ImportOptions, log: ImportLog) -> GroundReaction:
+    """Return ``loads`` without the forces of the empty plate, and with gaps filled.
+
+    Short gaps are interpolated, unless a heel strike or toe-off is somewhere in them; swings that the file leaves out
+    are zero. The other gaps remain.
+    """
     offset = estimate_plate_offset(loads.vertical, loads.forward)
     _warn_of_offset(offset, description, loads.file_name, log)
-    return replace(loads, vertical=loads.vertical - offset.vertical, forward=loads.forward - offset.forward)
+    known = fill_swings(loads.time, loads.vertical - offset.vertical)
+    is_left_out = np.isnan(loads.vertical) & (known == 0.0)
+    vertical = filters.fill_gaps(known, loads.time)
+    for start, stop in find_runs(np.isnan(known)):
+        is_loaded = {bool(known[k] > options.contact_threshold) for k in (start - 1, stop) if 0 <= k < len(known)}
+        if len(is_loaded) == 2 and loads.time[stop] - loads.time[start - 1] > MAX_EVENT_GAP:
+            vertical[start:stop] = np.nan
+    forward = filters.fill_gaps(np.where(is_left_out, 0.0, loads.forward - offset.forward), loads.time)
+    return replace(loads, vertical=vertical, forward=forward)
 
 
 def _warn_of_offset(offset: PlateOffset, description: str, file_name: str, log: ImportLog) -> None:
@@ -229,7 +243,7 @@ def assign_to_feet(
     """
     contacts_by_side: dict[Side, list[tuple[GroundReaction, float, float]]] = {side: [] for side in SIDES}
     for plate, raw_loads in plates.items():
-        loads = remove_offset(raw_loads, plate, log)
+        loads = clean(raw_loads, plate, options, log)
         contacts = find_contacts(loads.time, loads.vertical, options.contact_threshold)
         feet = [_identify_foot(contact, time, knee_difference) for contact in contacts]
         for foot, contact in zip(feet, contacts, strict=True):
@@ -284,6 +298,9 @@ def _merge_contacts(contacts: Sequence[tuple[GroundReaction, float, float]]) -> 
                 known = np.isfinite(loads.cop[:, axis])
                 position = np.interp(time[inside], loads.time[known], loads.cop[known, axis])
                 moment[inside, axis] += forces[0] * position
+    for loads in {id(loads): loads for loads, *_ in contacts}.values():
+        is_unknown = np.isnan(np.interp(time, loads.time, loads.vertical + loads.forward))
+        vertical[is_unknown], forward[is_unknown] = np.nan, np.nan
     loaded = np.abs(vertical) > 1e-6
     cop = np.where(loaded[:, None], moment / np.where(loaded, vertical, 1.0)[:, None], 0.0)
     file_names = ", ".join(dict.fromkeys(loads.file_name for loads, *_ in contacts))

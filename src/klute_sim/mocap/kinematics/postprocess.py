@@ -8,7 +8,7 @@ import numpy as np
 from klute_sim.gait.contacts import Contact, find_contacts
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics import filters
-from klute_sim.mocap.kinematics.loads import GroundReaction, remove_offset
+from klute_sim.mocap.kinematics.loads import GroundReaction, clean
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_names, conventions
 from klute_sim.mocap.parsing.channel_lookup import HEADER_CONTRADICTION, Column
@@ -35,14 +35,14 @@ class ResampledLoads:
     cop: Array | None
     """Centre of pressure (n, 2), forward and up [m], NaN in swing; None if unknown."""
     impulses: tuple[float, ...]
-    """Vertical impulse [N.s] of each complete contact."""
+    """Vertical impulse [N.s] of each complete contact without gaps."""
 
 
 def resample_loads(
     loads: GroundReaction, time: Array, side: Side, options: ImportOptions, log: ImportLog
 ) -> ResampledLoads:
     """Return ``loads`` of the foot of ``side`` at ``time`` with standard signs, and the contacts."""
-    loads = remove_offset(loads, f"the {side} foot's vertical load", log)
+    loads = clean(loads, f"the {side} foot's vertical load", options, log)
     contacts = find_contacts(loads.time, loads.vertical, options.contact_threshold)
     rate = (len(loads.time) - 1) / (loads.time[-1] - loads.time[0])
     sign = conventions.detect_sign(channel_names.GRF_FORWARD, loads.time, loads.forward, contacts)
@@ -59,15 +59,16 @@ def resample_loads(
     for c in contacts:
         if c.has_foot_strike and c.has_toe_off:
             inside = (loads.time >= c.foot_strike) & (loads.time <= c.toe_off)
-            impulses.append(float(np.trapezoid(loads.vertical[inside], loads.time[inside])))
+            impulse = float(np.trapezoid(loads.vertical[inside], loads.time[inside]))
+            impulses += [impulse] if np.isfinite(impulse) else []
     on_ground = np.zeros(len(time), dtype=bool)
     for c in contacts:
         on_ground |= (time >= c.foot_strike) & (time <= c.toe_off)
     measured = (time >= loads.time[0]) & (time <= loads.time[-1])
 
     def resample(samples: Array) -> Array:
-        filtered = filters.low_pass(filters.fill_gaps(samples, loads.time), rate, options.load_cutoff)
-        return np.where(measured, np.where(on_ground, np.interp(time, loads.time, filtered), 0.0), np.nan)
+        filtered = np.interp(time, loads.time, filters.low_pass(samples, rate, options.load_cutoff))
+        return np.where(measured, np.where(on_ground | np.isnan(filtered), filtered, 0.0), np.nan)
 
     vertical, forward = resample(loads.vertical), resample(forward_raw)
     cop = None

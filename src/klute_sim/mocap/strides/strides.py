@@ -72,7 +72,9 @@ def segment_strides(leg: Leg, log: ImportLog) -> list[Stride]:
     ends |= {
         contact: following.foot_strike
         for contact, following in pairwise(leg.contacts)
-        if contact in ends and following.foot_strike - contact.foot_strike <= MAX_STRIDE_TIME
+        if contact in ends
+        and following.has_foot_strike
+        and following.foot_strike - contact.foot_strike <= MAX_STRIDE_TIME
     }
     candidates = [_extract_stride(leg, contact, end) for contact, end in ends.items()]
     if not any(candidates):
@@ -117,7 +119,9 @@ def _log_exclusions(
 
 def _explain_exclusion(leg: Leg, contact: Contact) -> str:
     """Return why the stride that starts with ``contact`` is incomplete."""
-    next_strike = next((c.foot_strike for c in leg.contacts if c.foot_strike > contact.foot_strike), None)
+    next_strike = next(
+        (c.foot_strike for c in leg.contacts if c.has_foot_strike and c.foot_strike > contact.foot_strike), None
+    )
     if next_strike is None or next_strike - contact.foot_strike > MAX_STRIDE_TIME:
         return (
             f"the heel strike after the one at {contact.foot_strike:.2f} s is on no plate, and the posture does not "
