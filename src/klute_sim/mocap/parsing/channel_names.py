@@ -73,9 +73,12 @@ _EXCLUDED_TOKENS = frozenset(
 )
 """Words of columns of a leg that are no measured angle or load in the plane of walking."""
 _PLATE_PATTERN = re.compile(
-    r"(?:(?P<prefix>\w+?)_)?ground_(?P<quantity>force|moment|torque)_(?:(?P<name>[A-Za-z0-9]+)_)?"
-    r"(?P<kind>[vpm])?_?(?P<axis>[xyz123])"
+    r"(?:(?:(?P<prefix>\w+?)_)?ground_force(?P<number>\d*)|force(?P<other_number>\d+))_(?:(?P<name>\w+?)_)?"
+    r"(?P<kind>[vp])_?(?P<axis>[xyz123])"
 )
+"""OpenSim's force (v) or point of application (p), such as ``ground_force_vx``, ``1_ground_force_vx``,
+``ground_force_1_v_1``, ``ground_force1_vx``, ``ground_force_calcn_r_vx`` (AddBiomechanics) and ``force1_vx``
+(GaitDynamics)."""
 
 
 class ChannelLabel(NamedTuple):
@@ -200,8 +203,9 @@ def _match_ground_reaction(tokens: set[str]) -> str:
 def parse_plate_label(label: str) -> PlateLabel | None:
     """Return the plate, quantity and axis of an OpenSim ground reaction ``label``; None for other labels."""
     match = _PLATE_PATTERN.fullmatch(label)
-    if match is None or match["quantity"] != "force" or match["kind"] not in ("v", "p"):
+    if match is None:
         return None
-    plate = match["prefix"] or match["name"] or "0"
+    plate = match["prefix"] or match["name"] or match["number"] or match["other_number"] or "0"
+    side = _SIDE_TOKENS.get(plate.lower().removeprefix("calcn_").removeprefix("foot_"))
     axis = {"x": 0, "y": 1, "z": 2, "1": 0, "2": 1, "3": 2}[match["axis"]]
-    return PlateLabel(_SIDE_TOKENS.get(plate.lower(), plate), "force" if match["kind"] == "v" else "point", axis)
+    return PlateLabel(side or plate, "force" if match["kind"] == "v" else "point", axis)
