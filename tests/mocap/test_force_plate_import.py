@@ -1,4 +1,4 @@
-"""Force plates of other laboratories: units, readings of the empty plate, and samples that are missing."""
+"""Force plates of other laboratories: units, corners, clocks, readings of the empty plate, and missing samples."""
 
 from pathlib import Path
 
@@ -11,8 +11,9 @@ from klute_sim.mocap import reference_import
 from klute_sim.mocap.formats import storage
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.reference_import import ImportedReference
+from klute_sim.plausibility.finding import ImplausibleInputError
 from tests import synthetic_gait
-from tests.mocap.motion_files import edit_columns, has_sentence, write_c3d, write_opensim
+from tests.mocap.motion_files import edit_columns, has_sentence, write_c3d, write_markers, write_opensim
 from tests.synthetic_gait import HUMAN, MASS, Walker
 
 MOMENT = "ankle_plantarflexor_moment_nm_per_kg"
@@ -51,6 +52,56 @@ def test_fore_aft_reading_of_an_empty_plate_is_removed(tmp_path: Path) -> None:
     imported = run_import(*paths)
     compare(imported, plain)
     assert has_sentence(imported, "warnings", "plate 1 is 0.0 N on the empty plate, and the fore-aft load 20.0 N")
+
+
+def turn_back(walker: Walker, side: str) -> np.ndarray:
+    """Return the centre of pressure as a plate reports it whose corners are turned by half a turn; NaN in swing."""
+    centre = walker.pressure_centre(side)
+    return np.where(centre > 0.0, 2.0 * walker.points(side)["ANKLE"][:, 0] + 0.1 - centre, np.nan)
+
+
+def test_corners_in_the_wrong_order_are_named(tmp_path: Path) -> None:
+    paths, walker = write_markers(tmp_path), Walker()
+    turned = {f"ground_force_{k}_px": turn_back(walker, side) for k, side in ((1, "right"), (2, "left"))}
+    edit_columns(paths[1], lambda label, s: np.nan_to_num(turned[label]) if label in turned else s)
+    with pytest.raises(ImplausibleInputError, match="`cop` moves from the toe to the heel of the loaded foot") as error:
+        run_import(*paths)
+    assert {finding.name for finding in error.value.findings} == {"cop-sign"}
+
+
+def test_centre_of_pressure_in_a_column_may_not_run_backward(tmp_path: Path) -> None:
+    path, walker = tmp_path / "walk.csv", Walker()
+    names, columns = ["time [s]"], [walker.time]
+    channels = {"hip_flexion_deg": "hip_angle [deg]", "knee_flexion_deg": "knee_angle [deg]"}
+    channels |= {"ankle_dorsiflexion_deg": "ankle_angle [deg]", "grf_vertical_n_per_kg": "grf_vertical [N]"}
+    channels |= {"grf_forward_n_per_kg": "grf_forward [N]"}
+    ankle = walker.points("right")["ANKLE"]
+    positions = {"cop_x [m]": turn_back(walker, "right"), "ankle_x [m]": ankle[:, 0], "ankle_z [m]": ankle[:, 1]}
+    names += [*channels.values(), *positions]
+    columns += [*(walker.of(column, "right") for column in channels), *positions.values()]
+    rows = [",".join("" if np.isnan(v) else repr(float(v)) for v in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join([",".join(names), *rows]) + "\n")
+    with pytest.raises(ImplausibleInputError, match="`cop_x` moves from the toe to the heel"):
+        run_import(path)
+
+
+@pytest.mark.parametrize("delay", [0.2, 0.3])
+def test_angles_of_another_clock_are_named(delay: float, tmp_path: Path) -> None:
+    paths = write_opensim(tmp_path)
+    for path in (paths[0], paths[2]):
+        edit_columns(path, lambda label, s: s + delay if label == "time" else s)
+    with pytest.raises(ImplausibleInputError, match="% of the stride later than the load: they have different clocks"):
+        run_import(*paths)
+
+
+def test_angles_and_markers_of_one_trial_have_one_clock(tmp_path: Path) -> None:
+    (c3d,), (angles, _, moments) = write_c3d(tmp_path), write_opensim(tmp_path)
+    agreeing = run_import(c3d, angles, moments)
+    assert has_sentence(agreeing, "derived", "Clock check: the right knee angle in walk.c3d and in ik.mot")
+    for path in (angles, moments):
+        edit_columns(path, lambda label, s: s + 0.05 if label == "time" else s)
+    late = run_import(c3d, angles, moments)
+    assert has_sentence(late, "warnings", "an offset of 50 ms: if the clocks differ, set '\"walk.c3d\" = 0.05'")
 
 
 def remove_samples(path: Path, rows: slice) -> None:

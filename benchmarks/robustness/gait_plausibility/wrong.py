@@ -129,7 +129,16 @@ def _list_references() -> list[Variant]:
         other = Walker().compute_curves(columns["gait_pct"] / 100.0 + 0.5)
         return {**columns, **{name: other[name] for name in (HIP, KNEE, ANKLE, SHANK)}}
 
+    def late_angles(delay: float) -> Edit:
+        def edit(columns: Columns) -> Columns:
+            late = Walker().compute_curves(columns["gait_pct"] / 100.0 - delay)
+            return {**columns, **{name: late[name] for name in (HIP, KNEE, ANKLE, SHANK)}}
+
+        return edit
+
     variants += [
+        Variant("reference", "angles 20 % late", ("time-offset",), late_angles(0.2)),
+        Variant("reference", "angles 25 % early", ("time-offset",), late_angles(-0.25)),
         Variant("reference", "time reversed", ("time-reversed",), reverse),
         Variant("reference", "begins in mid-stance", ("stride-start",), at(lambda p: p + 0.3)),
         Variant("reference", "begins at toe-off", ("stride-start",), at(lambda p: p + 0.63)),

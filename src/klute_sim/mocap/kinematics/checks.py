@@ -87,6 +87,7 @@ def find_cop_findings(
         is_seen = (load.time >= leg.time[known][0]) & (load.time <= leg.time[known][-1])
         cop = ScaledSeries("cop", Series(load.time, np.where(is_seen, load.cop[:, 0], np.nan)), "m", 1.0)
         ankle = Series(leg.time[known], leg.ankle[known, 0])
-        found, _ = positions.check_cop(cop, ankle, vertical, steps, f"file {load.file_name}, {side} foot")
-        findings += found
+        place = f"file {load.file_name}, {side} foot"
+        found, progression = positions.check_cop(cop, ankle, vertical, steps, place)
+        findings += found + positions.check_progression(progression, "cop", place)
     return findings

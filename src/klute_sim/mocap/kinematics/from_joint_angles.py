@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.mocap.import_log import ImportLog
-from klute_sim.mocap.kinematics import checks, filters, loads
+from klute_sim.mocap.kinematics import checks, filters, from_markers, loads
 from klute_sim.mocap.kinematics.leg import Leg
 from klute_sim.mocap.kinematics.loads import GroundReaction
 from klute_sim.mocap.kinematics.postprocess import apply_sign, apply_zero, compute_ankle_power, resample_loads
@@ -18,7 +19,7 @@ from klute_sim.mocap.kinematics.quasistatic_moment import (
     describe_missing_positions,
 )
 from klute_sim.mocap.options import ImportOptions
-from klute_sim.mocap.parsing import channel_names, markers
+from klute_sim.mocap.parsing import channel_names, markers, time_sync
 from klute_sim.mocap.parsing.channel_lookup import Column, apply_given_sign, find_column
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.markers import WalkingFrame
@@ -78,7 +79,8 @@ def extract_legs_from_joint_angles(
         leg_columns[side] = {name: column for name, column in columns.items() if column is not None}
     body = _find_body_columns(trial, options, log)
     foot_loads = loads.read_foot_loads(trial, options, log)
-    frame = _find_walking_frame(trial, options, log) if not foot_loads else None
+    capture = None if foot_loads else _find_capture(trial)
+    frame = None if capture is None else _find_walking_frame(capture, leg_columns, options, log)
     plates = loads.read_plate_loads(trial, frame, log) if not foot_loads else {}
     if plates:
         sides = [side for side, columns in leg_columns.items() if "knee_angle" in columns]
@@ -134,13 +136,28 @@ def _log_body_column(column: Column, sign: int, zero: float, reason: str, log: I
     )
 
 
-def _find_walking_frame(trial: Sequence[SourceFile], options: ImportOptions, log: ImportLog) -> WalkingFrame | None:
-    """Return the walking frame by the markers of a C3D file with force plates; None if there is no such file."""
-    for source in trial:
-        if source.plates and source.markers is not None:
-            roles = markers.identify_markers(source.markers, options.mapping, source.name)
-            return markers.find_walking_frame(source.markers, roles, options.mapping, source.name, log)
-    return None
+def _find_capture(trial: Sequence[SourceFile]) -> SourceFile | None:
+    """Return the C3D file with force plates and markers; None if there is none."""
+    return next((source for source in trial if source.plates and source.markers is not None), None)
+
+
+def _find_walking_frame(
+    capture: SourceFile, leg_columns: Mapping[Side, Mapping[str, Column]], options: ImportOptions, log: ImportLog
+) -> WalkingFrame:
+    """Return the walking frame by the markers of ``capture``, whose clock is compared with that of the knee angles."""
+    assert capture.markers is not None
+    roles = markers.identify_markers(capture.markers, options.mapping, capture.name)
+    frame = markers.find_walking_frame(capture.markers, roles, options.mapping, capture.name, log)
+    moved = from_markers.preprocess_markers(capture.markers, frame, options.motion_cutoff, capture.name)
+    for side, columns in leg_columns.items():
+        landmarks = from_markers.locate_landmarks(moved, roles, side, capture.name, ImportLog())
+        if landmarks is not None and "knee_angle" in columns:
+            knee = columns["knee_angle"]
+            by_markers = TimeSeries(landmarks.time, landmarks.knee_angle)
+            by_angles = TimeSeries(knee.time, apply_sign(knee, (), side, ImportLog()))
+            quantity = f"the {side} knee angle"
+            time_sync.compare_clocks(quantity, (capture.name, by_markers), (knee.file_name, by_angles), log)
+    return frame
 
 
 def _estimate_speed(pelvis_x: Column | None) -> float | None:

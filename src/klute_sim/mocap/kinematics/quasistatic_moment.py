@@ -16,7 +16,7 @@ from klute_sim.mocap.kinematics.postprocess import ResampledLoads
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing.channel_lookup import Column, apply_given_sign
 from klute_sim.mocap.parsing.channel_names import Side
-from klute_sim.plausibility.gait.positions import ScaledSeries, check_cop
+from klute_sim.plausibility.gait.positions import ScaledSeries, check_cop, check_progression
 from klute_sim.plausibility.gait.steps import Series, find_steps
 from klute_sim.types import Array
 
@@ -68,15 +68,16 @@ def compute_quasistatic_moment(
     """Return the ankle moment (n,) [N.m], plantarflexor positive; None without centre of pressure.
 
     ``ankle`` holds :data:`ANKLE_FORWARD` and :data:`ANKLE_HEIGHT` (n,) [m] at ``time``. Raises ImplausibleInputError
-    when the centre of pressure is far from the ankle of the loaded foot.
+    when the centre of pressure is far from the ankle of the loaded foot, or moves from toe to heel.
     """
     if foot.cop is None:
         return None
     is_loaded = foot.vertical > options.contact_threshold
     vertical = Series(time, foot.vertical)
     cop = ScaledSeries(COP, Series(time, np.where(is_loaded, foot.cop[:, 0], np.nan)), "m", 1.0)
-    findings, _ = check_cop(cop, Series(time, ankle[ANKLE_FORWARD]), vertical, find_steps(vertical), place)
-    log.require_accepted(findings, options.accept)
+    steps = find_steps(vertical)
+    findings, progression = check_cop(cop, Series(time, ankle[ANKLE_FORWARD]), vertical, steps, place)
+    log.require_accepted([*findings, *check_progression(progression, COP, place)], options.accept)
     log.add_derived(
         "Ankle moment: ground reaction times its distance from the ankle; weight and inertia of the foot are neglected"
     )

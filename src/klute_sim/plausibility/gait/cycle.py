@@ -58,6 +58,9 @@ MIN_EXCHANGED_CORRELATION = 0.5
 """Smallest correlation of a column with the typical curve of the other one."""
 MAX_PELVIS_RANGE_DEG = 30.0
 """Largest range of shank - (knee - hip), the tilt of the pelvis [deg]."""
+MIN_LAG_PCT, MIN_EXCHANGED_LAG_PCT = 15, 35
+"""Lags between angles and load [% of the stride] that show different clocks, and different feet (assumed; unusual gait,
+such as running, stays below 9)."""
 MAX_START_ERROR_PCT = 8
 """Largest distance of the heel strike from the start of the stride [%] (assumed; filtered forces rise early)."""
 MIN_REVERSAL_GAIN = 0.15
@@ -74,9 +77,9 @@ def find_cycle_findings(
     """
     findings, columns = _find_missing(columns, place)
     curves = {name: shapes.resample_cycle(phase_pct, columns[name]) for name in typical if name in columns}
-    side = _find_exchanged_side(curves, shapes.find_contact(np.abs(curves[VERTICAL])), typical, place)
-    if side:
-        return [*findings, *side]
+    lag = _find_lag(curves, shapes.find_contact(np.abs(curves[VERTICAL])), typical, place)
+    if lag:
+        return [*findings, *lag]
     exchanged = _find_exchanged(_warp(curves), typical, place)
     if exchanged:
         return [*findings, *exchanged]
@@ -210,30 +213,52 @@ def _find_load_units(columns: Mapping[str, Array], place: str) -> list[Finding]:
     return findings
 
 
-def _find_exchanged_side(
+def _find_lag(
     curves: Mapping[str, Array], contact: shapes.ContactIntervals, typical: Mapping[str, Array], place: str
 ) -> list[Finding]:
-    """Return whether the angles are half a stride away from the load."""
+    """Return whether the angles are half a stride away from the load, or clearly earlier or later than it."""
     if len(contact.starts) != 1:
         return []
-    motion = {name: curves[name] for name in ("knee_flexion_deg", "shank_forward_deg", "hip_flexion_deg")}
-    shift, score = shapes.find_best_shift(motion, typical)
-    lag = (shift - contact.starts[0]) % shapes.N_PHASES
-    if score < 0.8 or not 35 <= lag <= 65:
+    lag, score = _measure_lag(curves, contact, typical)
+    if score >= 0.8 and abs(lag) >= MIN_EXCHANGED_LAG_PCT:
+        statement = (
+            f"the angles lag the load by {lag % shapes.N_PHASES} % of the stride: angles and load are of different "
+            "feet (right and left exchanged)"
+        )
+        return [Finding("side-exchanged", place, statement)]
+    lag, score = _measure_lag(_warp(curves), contact, typical)  # a short stance, as in running, is no lag
+    if score < 0.8 or abs(lag) < MIN_LAG_PCT or _is_reversed(curves, typical):
         return []
     statement = (
-        f"the angles lag the load by {lag} % of the stride: angles and load are of different feet (right and left "
-        "exchanged)"
+        f"the angles are {abs(lag)} % of the stride {'later' if lag > 0 else 'earlier'} than the load: they have "
+        "different clocks, or are of different trials; shift one of them (in an import: [clock] in a file for --map)"
     )
-    return [Finding("side-exchanged", place, statement)]
+    return [Finding("time-offset", place, statement)]
+
+
+def _measure_lag(
+    curves: Mapping[str, Array], contact: shapes.ContactIntervals, typical: Mapping[str, Array]
+) -> tuple[int, float]:
+    """Return by how much the angles are later than the load [% of the stride], and how typical they are then."""
+    motion = {name: curves[name] for name in ("knee_flexion_deg", "shank_forward_deg", "hip_flexion_deg")}
+    shift, score = shapes.find_best_shift(motion, typical)
+    half = shapes.N_PHASES // 2
+    return (shift - contact.starts[0] + half) % shapes.N_PHASES - half, score
+
+
+def _is_reversed(curves: Mapping[str, Array], typical: Mapping[str, Array]) -> bool:
+    """Return whether the curves resemble gait that runs backward."""
+    names = ("knee_flexion_deg", "shank_forward_deg", "ankle_dorsiflexion_deg", MOMENT, VERTICAL)
+    selected = {name: curves[name] for name in names}
+    _, score = shapes.find_best_shift(selected, typical)
+    _, reversed_score = shapes.find_best_shift(selected, typical, reverse=True)
+    return reversed_score > max(score + MIN_REVERSAL_GAIN, 0.7)
 
 
 def _find_timing(
     curves: Mapping[str, Array], contact: shapes.ContactIntervals, typical: Mapping[str, Array], place: str
 ) -> list[Finding]:
     """Return whether the stride is reversed, incomplete or doubled, or begins late."""
-    shape_names = ("knee_flexion_deg", "shank_forward_deg", "ankle_dorsiflexion_deg", MOMENT, VERTICAL)
-    selected = {name: curves[name] for name in shape_names}
     shank = curves["shank_forward_deg"]
     if len(contact.starts) > 1:
         statement = (
@@ -250,9 +275,7 @@ def _find_timing(
             " from where it starts: the file holds only the stance; add the swing, up to the next heel strike"
         )
         return [Finding("stride-length", place, statement)]
-    _, score = shapes.find_best_shift(selected, typical)
-    _, reversed_score = shapes.find_best_shift(selected, typical, reverse=True)
-    if reversed_score > max(score + MIN_REVERSAL_GAIN, 0.7):
+    if _is_reversed(curves, typical):
         statement = (
             "all curves resemble gait that runs backward: time is reversed; reverse the order of the rows below "
             "`gait_pct`"

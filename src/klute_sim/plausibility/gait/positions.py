@@ -194,6 +194,17 @@ def check_cop(
     return [Finding(f"{name}-origin", place, statement)], np.nan
 
 
+def check_progression(progression: float, channel: str, place: str) -> list[Finding]:
+    """Return the finding on a centre of pressure that moves from toe to heel by ``progression`` [m]."""
+    if not progression < MAX_COP_PROGRESSION:
+        return []
+    statement = (
+        f"`{channel}` moves from the toe to the heel of the loaded foot, by {-100 * progression:.0f} cm: its direction "
+        "is reversed, or the corners of the force plate are in the wrong order; correct them"
+    )
+    return [Finding(f"{channel}-sign", place, statement)]
+
+
 def _is_inside(time: Array, steps: list[Step]) -> Mask:
     inside = np.zeros(len(time), dtype=np.bool_)
     for step in steps:
