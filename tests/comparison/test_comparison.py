@@ -171,6 +171,31 @@ def test_load_without_strides_is_compared_over_time() -> None:
         compare(both, ComparisonOptions(domain="phase"))
 
 
+def test_reading_of_an_empty_plate_moves_no_heel_strike() -> None:
+    measured = make_measurement()
+    offset = Recording(
+        {**measured.channels, "grf_vertical": measured["grf_vertical"] + 30.0}, measured.units, measured.provenance
+    )
+    comparison = compare([make_run("a", measured), make_run("b", offset)])
+    assert comparison.domain == "phase"
+    assert get_difference(comparison).rms == pytest.approx(0.0, abs=1e-9)
+    assert get_difference(comparison, "grf_vertical").bias == pytest.approx(30.0)
+
+
+def test_gait_that_is_compared_over_time_is_remarked() -> None:
+    measured = make_measurement()
+    down = Recording(
+        {**measured.channels, "grf_vertical": -measured["grf_vertical"]}, measured.units, measured.provenance
+    )
+    comparison = compare([make_run("a", measured), make_run("b", down)])
+    assert comparison.domain == "time"
+    assert comparison.remarks == (
+        "Compared over time, because 'b' has neither gait_phase nor strides: it has a grf_vertical [N] that shows no "
+        "stride (up is positive).",
+    )
+    assert compare([make_run("a", down), make_run("b", down)]).remarks == ()
+
+
 def test_single_recording_has_mean_and_band() -> None:
     comparison = compare(
         [make_run("a", make_gait(5, bump=3.0, force="N", x="m"))], ComparisonOptions(channels=("ankle_angle", "force"))

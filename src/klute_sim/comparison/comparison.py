@@ -11,6 +11,7 @@ from klute_sim.comparison.difference import Difference, compute_difference
 from klute_sim.comparison.remarks import Remarks
 from klute_sim.comparison.runs import ComparedRun
 from klute_sim.comparison.source import NamedRecordings, SeriesSource
+from klute_sim.datasets.channels import VERTICAL_FORCE
 from klute_sim.errors import InputError
 from klute_sim.types import Array
 
@@ -145,6 +146,8 @@ def _select_domain(
     )
     all_have_phase = all(resample.PHASE_CHANNEL in recording for run in phased_runs for recording in run.parts.values())
     domain = options.domain or ("phase" if all_have_phase else "time")
+    if options.domain is None and domain == "time":
+        _note_missing_strides(phased_runs, remarks)
     if domain == "phase":
         runs = phased_runs
         for remark in phase_remarks.sentences:
@@ -153,6 +156,19 @@ def _select_domain(
         option = "--reference" if options.include_reference else "--skip"
         raise InputError(f"{option} requires a comparison over phase; these recordings are compared over time")
     return runs, domain
+
+
+def _note_missing_strides(runs: Sequence[ComparedRun], remarks: Remarks) -> None:
+    """Add a remark on the runs of gait that are compared over time because no stride is known in them."""
+    recordings = [(run.label, recording) for run in runs for recording in run.parts.values()]
+    if not any(resample.PHASE_CHANNEL in recording for _, recording in recordings):
+        return
+    for label, recording in recordings:
+        if resample.PHASE_CHANNEL not in recording:
+            load = "no grf_vertical"
+            if VERTICAL_FORCE in recording:
+                load = f"a grf_vertical [{recording.units[VERTICAL_FORCE]}] that shows no stride (up is positive)"
+            remarks.add(f"Compared over time, because '{label}' has neither gait_phase nor strides: it has {load}.")
 
 
 def _note_walker_differences(runs: Sequence[ComparedRun], options: ComparisonOptions, remarks: Remarks) -> None:
