@@ -141,6 +141,16 @@ def test_an_empty_plate_may_read_nothing(tmp_path: Path) -> None:
     compare(run_import(*paths), plain)
 
 
+def test_moment_of_a_single_step_needs_no_mass(tmp_path: Path) -> None:
+    """The mass of the foot follows from the load in the step, not from the mean over the whole recording."""
+    trc_path, grf = write_markers(tmp_path)
+    step = (Walker().time > 1.0) & (Walker().time < 2.5)
+    edit_columns(grf, lambda label, s: np.where(step, s, 0.0) if "force" in label else s)
+    given = run_import(trc_path, grf)
+    estimated = reference_import.import_reference([trc_path, grf], ImportOptions())
+    assert estimated.mass * estimated.table[MOMENT] == pytest.approx(MASS * given.table[MOMENT], abs=0.3)
+
+
 @pytest.mark.parametrize("offset", [-80.0, 0.0, 90.0])
 def test_empty_plate_is_told_from_a_plate_under_two_feet(offset: float) -> None:
     walker, rng = Walker(rate=500.0), np.random.default_rng(0)

@@ -17,6 +17,7 @@ from klute_sim.mocap.parsing.channel_lookup import find_column
 from klute_sim.mocap.parsing.channel_names import SIDES
 from klute_sim.mocap.parsing.missing_columns import describe_missing_load, describe_missing_quantities
 from klute_sim.mocap.parsing.sources import SourceFile
+from klute_sim.mocap.strides.strides import STANCE_FRACTION
 
 REQUIRED_ANGLES = ("knee_angle", "ankle_angle")
 """Angles that a leg from joint angles needs."""
@@ -101,8 +102,14 @@ def _extract_legs_from_markers(
 
 
 def _estimate_body_mass(foot: ResampledLoads) -> float:
-    """Return the body mass [kg], accurate enough for the inertia of the foot: each foot carries half of the impulse."""
-    return 2.0 * float(np.nanmean(foot.vertical)) / GRAVITY
+    """Return the body mass [kg], accurate enough for the inertia of the foot; 0 without a complete contact.
+
+    Each foot carries half of the impulse of a stride, of which it stands for a typical fraction.
+    """
+    durations = [c.toe_off - c.foot_strike for c in foot.contacts if c.has_foot_strike and c.has_toe_off]
+    if not durations or not foot.impulses:
+        return 0.0
+    return 2.0 * STANCE_FRACTION * float(np.mean(foot.impulses) / (np.mean(durations) * GRAVITY))
 
 
 def _estimate_walking_speed(landmarks: LegLandmarks, foot: ResampledLoads) -> float | None:
