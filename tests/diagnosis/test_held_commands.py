@@ -15,6 +15,7 @@ from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.interpolation import shows_updates
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.noise.misfit import Misfit
 from tests.diagnosis import synthetic_gait_dataset
 from tests.diagnosis.synthetic_dataset import write_dataset
 from tests.diagnosis.test_mechanism_diagnosis import SHORT, prepare
@@ -109,8 +110,8 @@ def make_outcome(names: str, *, bic: float = 0.0, verdict: str = "identified", i
     terms = tuple(SimpleNamespace(effect=name) for name in names.split())
     return SimpleNamespace(
         experiments=[SimpleNamespace(held_variant=SimpleNamespace(use="fit", measured=True), use="fit", measured=True)],
-        data=SimpleNamespace(with_experiments=lambda experiments: None),
-        base_fit=SimpleNamespace(chi2=1.0),
+        data=SimpleNamespace(with_experiments=lambda experiments: None, noise={}),
+        base_fit=SimpleNamespace(chi2=1.0, hypothesis=None, x=None),
         search=SimpleNamespace(bic_threshold=6.0),
         selected=SimpleNamespace(verdict=verdict, prediction=object() if is_imperfect else None),
         terms=terms,
@@ -156,6 +157,34 @@ def test_held_command_is_taken_where_it_explains_the_data_better(
     outcome, remarks = held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
     assert outcome is (held if is_held else linear)
     assert len(remarks) == is_held
+
+
+@pytest.mark.parametrize(
+    ("linear_misfit", "held_misfit", "is_held"),
+    [
+        pytest.param(0.05e5, 0.0, True, id="the pressure agrees with held commands only"),
+        pytest.param(0.0, 0.0, False, id="with both"),
+        pytest.param(0.05e5, 0.05e5, False, id="with neither: the supply lacks something, too"),
+    ],
+)
+def test_pressure_decides_where_the_law_of_the_muscle_is_imperfect(
+    linear_misfit: float, held_misfit: float, is_held: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No imperfect law of a muscle is in its pressure; a hose was named for the course of the command before."""
+    linear, held = (
+        make_outcome(name, verdict=verdict, bic=bic, is_imperfect=True)
+        for name, verdict, bic in (("hose", "indistinguishable", 0.0), ("leak", "unexplained", -90.0))
+    )
+    for outcome, rms in ((linear, linear_misfit), (held, held_misfit)):
+        outcome.data.experiments, outcome.data.noise = [], {"pressure": None, "force": None}
+        outcome.data.compute_residuals = lambda hypothesis, points, rms=rms: [rms]
+    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: 0.0)
+    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
+    monkeypatch.setattr(
+        held_commands, "estimate_misfit", lambda experiments, rms, noise: {c: Misfit(rms, 9.0, 400.0) for c in noise}
+    )
+    outcome, _ = held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
+    assert outcome is (held if is_held else linear)
 
 
 @pytest.mark.parametrize(("names", "is_tried"), [("supply_droop clock_skew", True), ("supply_droop", False)])

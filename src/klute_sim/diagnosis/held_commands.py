@@ -8,6 +8,7 @@ from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.final_model import FinalModel
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.types import ProgressCallback
 
@@ -56,6 +57,7 @@ def select_command_course(
     is the outcome with linear commands. Held ones are tried where they reduce the misfit of its device without effects,
     and where it names a shift in time: a large effect can hide that they fit better. With linear commands, samples that
     depend on their course count less. With held ones none does, so the two are compared with the weights of these.
+    Measured pressures that agree with held commands only decide, whatever is named beside them.
     """
     if not any(e.held_variant for e in linear.experiments if e.use == "fit" and e.measured):
         return linear, []
@@ -67,6 +69,8 @@ def select_command_course(
     progress(0.2, "fitting with commands that are held until the next sample")
     held = search_model(experiments)
     difference = linear.compute_bic(_copy_weights(linear.data, held.data)) - held.compute_bic(held.data)
+    if _explains_pressure(linear, held):
+        return held, [_describe_course(difference)]
     # What the course of the command explains as well needs no name, a shift in time least of all.
     if held.n_time_shifts > linear.n_time_shifts or held.selected.verdict == "unexplained" != linear.selected.verdict:
         return linear, []
@@ -77,11 +81,32 @@ def select_command_course(
         return linear, []
     if not difference > (-1.0 if has_fewer_names else 1.0) * linear.search.bic_threshold:
         return linear, []
-    remark = (
+    return held, [_describe_course(difference)]
+
+
+def _describe_course(difference: float) -> str:
+    return (
         "The commands are taken as held until their next sample; straight lines between samples act up to a sampling "
         f"interval earlier, and with them BIC changes by {difference:+.0f}."
     )
-    return held, [remark]
+
+
+def _explains_pressure(linear: Outcome, held: Outcome) -> bool:
+    """Return whether held commands alone leave no misfit of the measured pressures, and linear ones do.
+
+    The law of the muscle is not in a pressure, so that it decides where an imperfect law leaves a misfit of the force
+    for either course.
+    """
+    noise = {name: value for name, value in held.data.noise.items() if name.startswith("pressure")}
+    if not noise:
+        return False
+
+    def has_misfit(data: WeightedData, fit: Fit) -> bool:
+        residuals = data.compute_residuals(fit.hypothesis, [fit.x])[0]
+        return any(map(is_significant, estimate_misfit(data.experiments, residuals, noise).values()))
+
+    is_left = has_misfit(held.data, held.base_fit)
+    return not is_left and has_misfit(_copy_weights(linear.data, held.data), linear.base_fit)
 
 
 def _copy_weights(data: WeightedData, weighted: WeightedData) -> WeightedData:
