@@ -204,15 +204,16 @@ def test_threshold_of_one_atmosphere_is_suspected_to_be_absolute_pressure(
         for trial, command in zip(dataset.trials, commands, strict=True)
     ]
     hypothesis = Hypothesis(dataset.device, (), (), (EffectTerm("threshold_pressure", "constant"),))
-    x = np.array([hypothesis.parameters[0].normalize(threshold_bar)])
+    parameter = threshold_bar * dataset.device.parameters.muscle.bladder_radius / 0.005  # that of 10 mm
+    x = np.array([hypothesis.parameters[0].normalize(parameter)])
     fit = Fit(hypothesis, x, np.zeros(1), np.ones((1, 1)), True, [])
     sentence = suspect_absolute_pressures(trials, fit)
     assert ("subtract 1.013 bar" in sentence) == is_suspected
     assert bool(sentence) == is_suspected
 
 
-@pytest.mark.parametrize(("threshold_bar", "is_suspected"), [(1.3, True), (0.5, False)])
-def test_absolute_pressures_of_a_mechanism_are_suspected_further_from_the_atmosphere(
+@pytest.mark.parametrize(("threshold_bar", "is_suspected"), [(1.3, True), (0.5, False)])  # of 10 mm; these have 12.8
+def test_absolute_pressures_of_a_mechanism_are_suspected(
     threshold_bar: float, is_suspected: bool, tmp_path: Path
 ) -> None:
     dataset = load_dataset(joint.write_dataset(tmp_path, groups=("fit_1",), repeats=1, seconds=1.5))

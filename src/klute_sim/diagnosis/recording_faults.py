@@ -12,6 +12,7 @@ from klute_sim.datasets.trial import SensorLimits, TimeSeries, Trial
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.noise.repeats import Residuals, align_repeats, list_channels
+from klute_sim.effects.families.muscle.threshold_pressure import REFERENCE_DIAMETER
 from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
 
 COMMAND_TOLERANCE = 1e-4
@@ -24,9 +25,6 @@ MIN_COMMAND = 0.5e5
 ATMOSPHERE_TOLERANCE = 0.15
 """Largest deviation of a threshold from the pressure of the atmosphere, which other effects of the muscle bias, and of
 the atmosphere from its usual pressure (assumed: laboratories up to 1300 m)."""
-MECHANISM_THRESHOLD_TOLERANCE = 0.35
-"""Largest deviation of such a threshold on a mechanism, whose uncertain numbers take a part of it (assumed: 1.30 bar in
-a generated dataset of the joint)."""
 THRESHOLD_PRESSURE = "threshold_pressure"
 """Effect with the trace of absolute pressures."""
 MIN_ZERO_FORCES = 10
@@ -147,10 +145,11 @@ def suspect_absolute_pressures(trials: Sequence[Trial], fit: Fit) -> str:
     """Return a sentence where a threshold that ``fit`` holds is the atmosphere of absolute pressures; '' elsewhere.
 
     Both pressures and their difference agree with the device then, and only the tension lacks the work of one
-    atmosphere, exactly as with a constant threshold.
+    atmosphere, exactly as with a constant threshold. The parameter of that effect is the threshold of a bladder of
+    another diameter.
     """
     thresholds = [
-        value
+        value * REFERENCE_DIAMETER / _get_diameter(trials, fit, parameter.term_index)
         for parameter, value in zip(fit.hypothesis.parameters, fit.values, strict=True)
         if parameter.term_index is not None
         and fit.hypothesis.terms[parameter.term_index].effect == THRESHOLD_PRESSURE
@@ -162,14 +161,20 @@ def suspect_absolute_pressures(trials: Sequence[Trial], fit: Fit) -> str:
     lowest = min((float(np.nanpercentile(series.value, 2.0)) for series in pressures), default=0.0)
     if not thresholds or lowest < (1.0 - ATMOSPHERE_TOLERANCE) * ATMOSPHERIC_PRESSURE:
         return ""
-    is_mechanism = any(trial.devices for trial in trials)
-    tolerance = MECHANISM_THRESHOLD_TOLERANCE if is_mechanism else ATMOSPHERE_TOLERANCE
-    if abs(1e5 * thresholds[0] / ATMOSPHERIC_PRESSURE - 1.0) > tolerance:
+    if abs(1e5 * thresholds[0] / ATMOSPHERIC_PRESSURE - 1.0) > ATMOSPHERE_TOLERANCE:
         return ""
     return (
-        f"A threshold of {thresholds[0]:.3g} bar is about the pressure of the atmosphere, and no recorded pressure is "
-        "below it: the pressures may be absolute. If they are, subtract 1.013 bar from them and diagnose again."
+        f"In these muscles, a threshold of {thresholds[0]:.3g} bar is about the pressure of the atmosphere, and no "
+        "recorded pressure is below it: the pressures may be absolute. If they are, subtract 1.013 bar from them and "
+        "diagnose again."
     )
+
+
+def _get_diameter(trials: Sequence[Trial], fit: Fit, term_index: int) -> float:
+    """Return the outer diameter [m] of the bladder with the term of ``fit``."""
+    tendon = fit.hypothesis.terms[term_index].tendon
+    device = trials[0].devices[tendon] if tendon else fit.hypothesis.device
+    return 2.0 * device.parameters.muscle.bladder_radius
 
 
 def _list_pressures(channels: Mapping[str, TimeSeries]) -> list[TimeSeries]:
