@@ -21,6 +21,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from klute_sim.comparison.curve import MeanCurve
+from klute_sim.mask_runs import find_runs
 from klute_sim.types import Array
 
 BandKind = Literal["means", "prediction", "reference", "none"]
@@ -188,10 +189,9 @@ def _select_band(half_width: Array, band: BandKind) -> BandKind:
 
 def _find_regions(values: Array, half_width: Array, axis: Array) -> tuple[Region, ...]:
     is_beyond = np.abs(values) > half_width  # comparisons with NaN are false
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_beyond, [False]]).astype(np.int8)))
     squares = np.nan_to_num(_scale_squares(values))
     regions = []
-    for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for begin, end in find_runs(is_beyond):
         if end - begin < MIN_REGION_POINTS:
             continue
         peak = begin + int(np.argmax(np.abs(values[begin:end])))

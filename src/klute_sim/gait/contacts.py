@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
 from klute_sim.datasets.foot_load import estimate_force_offset, find_loaded_samples
+from klute_sim.mask_runs import find_runs
 from klute_sim.types import Array
 
 MIN_CONTACT_TIME = 0.15
@@ -44,8 +45,7 @@ def fill_swings(time: Array, vertical_force: Array) -> Array:
     """
     missing = np.isnan(vertical_force)
     result = vertical_force.copy()
-    edges = np.flatnonzero(np.diff(np.r_[False, missing, False].astype(np.int8)))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in find_runs(missing):
         neighbours = [k for k in (start - 1, stop) if 0 <= k < len(time)]
         is_long = len(neighbours) == 1 or (len(neighbours) == 2 and time[stop] - time[start - 1] >= MIN_AIR_TIME)
         if is_long and max(vertical_force[neighbours]) < MAX_AIR_FRACTION * np.nanmax(vertical_force):

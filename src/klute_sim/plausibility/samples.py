@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from klute_sim.mask_runs import find_runs
 from klute_sim.plausibility.units import Range
 from klute_sim.types import Array, Mask
 
@@ -83,9 +84,8 @@ def find_missing_value_code(samples: Samples) -> MissingValueCode | None:
 def find_zero_blocks(values: Array, min_length: int) -> Mask:
     """Return which of ``values`` lie in runs of at least ``min_length`` exact zeros."""
     is_zero = values == 0.0
-    edges = np.flatnonzero(np.diff(np.r_[False, is_zero, False].astype(np.int8)))
     mask = np.zeros(len(values), dtype=np.bool_)
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in find_runs(is_zero):
         mask[start:stop] = stop - start >= min_length
     return mask
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import savgol_filter
 
+from klute_sim.mask_runs import find_runs
 from klute_sim.types import Array, Mask
 
 WINDOW_SIZES = (5, 9, 17, 33)
@@ -117,9 +118,8 @@ def _flatten_holds(value: Array, denoised: Array, deviation: float) -> Array:
     slope = savgol_filter(value, HOLD_WINDOW, 1, deriv=1, mode="interp")
     is_still = np.abs(slope) < MAX_SLOPE_SIGMAS * _compute_slope_error(HOLD_WINDOW, deviation)
     local = uniform_filter1d(value, END_WINDOW)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_still, [False]]).astype(np.int8)))
     flat = denoised.copy()
-    for begin, end in edges.reshape(-1, 2):
+    for begin, end in find_runs(is_still):
         hold = value[begin:end]
         n = len(hold)
         if n < HOLD_WINDOW or hold.std() > MAX_HOLD_VARIATION * deviation:

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from klute_sim.errors import InputError
-from klute_sim.types import Array, Mask
+from klute_sim.mask_runs import find_runs
+from klute_sim.types import Array
 
 N_PASSES = 2
 """Number of filter passes: forward and backward."""
@@ -51,12 +52,6 @@ def low_pass(samples: Array, rate: float, cutoff: float) -> Array:
             if stop - start > MIN_FILTERED_SAMPLES:
                 column[start:stop] = sosfiltfilt(sections, column[start:stop])
     return result
-
-
-def find_runs(mask: Mask) -> list[tuple[int, int]]:
-    """Return the first index and the index after the last of each run of true values in ``mask`` (n,)."""
-    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def fill_gaps(samples: Array, time: Array) -> Array:

@@ -13,9 +13,9 @@ import numpy as np
 from klute_sim.datasets.foot_load import PlateOffset, estimate_plate_offset
 from klute_sim.errors import InputError
 from klute_sim.gait.contacts import MAX_EVENT_GAP, Contact, fill_swings, find_contacts
+from klute_sim.mask_runs import find_runs
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics import filters
-from klute_sim.mocap.kinematics.filters import find_runs
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_lookup, channel_names
 from klute_sim.mocap.parsing.channel_names import SIDES, Side

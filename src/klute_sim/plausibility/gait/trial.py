@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from klute_sim.mask_runs import find_runs
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gait import consistency, loads, positions
 from klute_sim.plausibility.gait.angles import DEGREES_PER_RADIAN, check_angle, measure_span
@@ -107,9 +108,8 @@ def _find_zero_samples(values: Array) -> Mask:
     span = measure_span(values[~is_zero]) if (~is_zero).any() else 0.0
     steps = np.abs(np.diff(values, append=values[-1:]))
     jumps = steps > max(0.02 * span, 5.0 * float(np.percentile(steps, 95.0)))
-    edges = np.flatnonzero(np.diff(np.r_[False, is_zero, False].astype(np.int8)))
     result = np.zeros(len(values), dtype=np.bool_)
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in find_runs(is_zero):
         result[start:stop] = (start > 0 and jumps[start - 1]) or (stop < len(values) and jumps[stop - 1])
     return result
 
