@@ -161,7 +161,10 @@ def _describe_trial(trial: Trial, content: TrialChannels, rig: ChannelSource) ->
 
 
 def build_scaled_supply(device: Device) -> Callable[[float], Simulate] | None:
-    """Return a function that builds the simulation of ``device`` with a supply that is so many times as fast."""
+    """Return a function of a factor, by which it multiplies the speed of the supply in the simulation of ``device``.
+
+    None without a supply.
+    """
     if device.spec.supply is None:
         return None
     numbers = device.spec.collect_values()

@@ -8,14 +8,16 @@ from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
 from klute_sim.types import Array, Mask
 
 STANCE_PERCENTILE = 95.0
-"""Percentile of the forces above the threshold that stands for the load in stance: a spike of a plate is higher."""
+"""Percentile of the forces above the threshold that stands for the load in stance (assumed; spikes are higher)."""
 MIN_LOAD_FRACTION = 0.1
 """Fraction of the load in stance that a foot reaches in each contact, and noise does not (assumed: the belts of a
 treadmill shake a plate by 10 to 30 N)."""
 LOW_PERCENTILE, HIGH_PERCENTILE = 1.0, 99.5
-"""Percentiles of the vertical force that stand for an unloaded plate and for its largest load, without spikes."""
+"""Percentiles of the vertical force that stand for an unloaded plate and for its largest load, without spikes
+(assumed)."""
 UNLOADED_FRACTION = 0.1
-"""Part of the range between them in which the plate is unloaded, and smallest fraction of the samples there."""
+"""Part of the range between them in which the plate is unloaded, and smallest fraction of the samples there
+(assumed)."""
 MAX_OFFSET_FRACTION = 0.2
 """Largest offset of a plate over its largest load (assumed); a larger one is the load of a person who stands."""
 MAX_FORWARD_OFFSET_FRACTION = 0.05

@@ -29,7 +29,7 @@ PRESSURE_CHANNEL = "pressure"
 PLATE_FORCES = (channels.VERTICAL_FORCE, "grf_forward")
 """Prescribed channels of a force plate that may have an offset."""
 MAX_SILENT_OFFSET = 3.0
-"""Largest offset of a force plate [N] that no remark states."""
+"""Largest offset of a force plate [N] that no remark states (assumed)."""
 MIN_SAMPLES = 10
 """Minimum number of samples of a channel, not counting missing ones."""
 

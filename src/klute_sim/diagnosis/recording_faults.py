@@ -35,7 +35,7 @@ standard deviations of the noise (assumed)."""
 MIN_BUCKLED_FRACTION = 0.95
 """Fraction of the samples in which the simulated muscle pushes that have no larger readings (assumed)."""
 MAX_LIMITED_FRACTION = 0.9
-"""Largest fraction of the samples of a force that may end at zero; more would leave too few for a fit."""
+"""Largest fraction of the samples of a force that may end at zero (assumed; more would leave too few for a fit)."""
 MAX_ORDER_PROBABILITY = 0.02
 """Largest probability that exchangeable repeats have the observed order by chance (assumed)."""
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.dependent_numbers import limit_to_valid
-from klute_sim.diagnosis.fitting.hypothesis import PRIOR_BOUND_SIGMAS, EffectTerm, FitParameter
+from klute_sim.diagnosis.fitting.hypothesis import PRIOR_BOUND_SIGMAS, EffectTerm, FitParameter, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS
 from klute_sim.effects.families import instrument
@@ -121,16 +121,16 @@ def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter
         if parameter.term_index is None:
             continue
         term = hypothesis.terms[parameter.term_index]
-        if not any(math.isclose(parameter.denormalize(bound), end) for end in _list_physical_limits(fit, parameter)):
+        limits = _list_physical_limits(hypothesis, term, parameter)
+        if not any(math.isclose(parameter.denormalize(bound), limit) for limit in limits):
             yield term, parameter, bound
 
 
-def _list_physical_limits(fit: Fit, parameter: FitParameter) -> tuple[float, ...]:
-    """Return the limits that physics sets for a ``parameter`` of a term of ``fit``, in its unit."""
-    term = fit.hypothesis.terms[parameter.term_index or 0]
+def _list_physical_limits(hypothesis: Hypothesis, term: EffectTerm, parameter: FitParameter) -> tuple[float, ...]:
+    """Return the limits that physics sets for ``parameter`` of ``term``, in its unit."""
     if not term.number:
         return next((p.physical_limits for p in term.parameters if p.key == parameter.name), ())
-    values = {**fit.hypothesis.device.spec.collect_values(), parameter.name: parameter.initial}
+    values = {**hypothesis.device.spec.collect_values(), parameter.name: parameter.initial}
     tested = parameter.initial - BOUND_SIGMAS * parameter.scale, parameter.initial + BOUND_SIGMAS * parameter.scale
     limits = limit_to_valid(values, parameter.name, *tested)
     return tuple(limit for limit in limits if limit not in tested)

@@ -19,7 +19,7 @@ GRID_SIZE = 5
 MAX_VARIATION_FRACTION = 0.5
 """Largest allowed relative deviation from a nominal value."""
 MAX_DRAWS = 100
-"""Number of draws after which ranges hold too few valid devices."""
+"""Number of draws after which ranges hold too few valid devices (assumed)."""
 PARAMETER_FIELD = "actuator_user"
 """Field of the model with the device parameters."""
 

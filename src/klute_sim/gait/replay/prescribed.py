@@ -29,8 +29,8 @@ from klute_sim.gait.replay.rollout import ReplayInputs
 from klute_sim.types import Array, Mask
 
 MAX_LEVER_DEVIATION = 0.3
-"""Largest distance of the centre of pressure from its median position under the foot [m], about the length of a
-foot."""
+"""Largest distance of the centre of pressure from its median position under the foot [m] (assumed: a foot is about as
+long)."""
 CUTOFF_FREQUENCY_HZ = 20.0
 """Cutoff frequency of the low-pass filter for motion before differentiation [Hz] (assumed: above the usual 6 to 10 Hz
 for markers, so that less of a foot strike is lost)."""

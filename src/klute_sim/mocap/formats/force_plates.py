@@ -21,7 +21,7 @@ FORCE_UNITS = {"N": 1.0, "kN": 1e3}
 MOMENT_UNITS = {"nmm": 1e-3, "ncm": 1e-2, "nm": 1.0, "knm": 1e3}
 """Moment unit in the file, in lower case and without separators -> newton metres."""
 MIN_COP_FORCE = 1.0
-"""Smallest force on the plate [N] with a centre of pressure."""
+"""Smallest force on the plate [N] with a centre of pressure (assumed)."""
 
 
 @dataclass(frozen=True, eq=False)
