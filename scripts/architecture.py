@@ -21,7 +21,17 @@ LAYERS = {
     **{"tuning": 12, "baselines": 12, "api": 13, "cli": 14},
 }
 """Layer of each package. A package imports only from lower layers."""
-COMMON_MODULES = {"constants", "errors", "parameters", "provenance", "terminal_table", "types", "units", ""}
+COMMON_MODULES = {
+    "constants",
+    "errors",
+    "mask_runs",
+    "parameters",
+    "provenance",
+    "terminal_table",
+    "types",
+    "units",
+    "",
+}
 """Modules outside the packages that every package may import; they import no package."""
 METADATA_KEY = "architecture"
 """Key of the import graph in the metadata of the figure."""
