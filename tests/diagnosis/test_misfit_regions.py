@@ -13,7 +13,7 @@ from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.localization.misfit_regions import MisfitRegion, locate_misfit
+from klute_sim.diagnosis.localization.misfit_regions import MisfitRegion, _find_region, locate_misfit
 from klute_sim.diagnosis.noise.repeats import Residuals, estimate_noise_from_repeats
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.plant.mjcf.model_file import load_model_file
@@ -97,3 +97,12 @@ def test_samples_that_count_less_hide_no_misfit() -> None:
     assert region.fraction == pytest.approx(1.0, abs=0.05)
     assert region.region == "before 5.0 s"
     assert region.concentration == pytest.approx(2.0, rel=0.05)
+
+
+def test_second_split_of_a_condition_replaces_the_first() -> None:
+    """Above 7 bar of 0 to 8, the splits at 6 bar and at 7 bar are one condition; those of a band are two."""
+    pressure = np.linspace(0.0, 8e5, SAMPLES)
+    above, *_ = _find_region(np.where(pressure > 7e5, 100.0, 1.0), {"pressure": pressure})
+    assert above == "above 7.0 bar"
+    band, *_ = _find_region(np.where((pressure > 4.2e5) & (pressure < 5.8e5), 100.0, 1.0), {"pressure": pressure})
+    assert band == "above 4.0 bar, below 6.0 bar"

@@ -41,6 +41,17 @@ class MisfitRegion(NamedTuple):
     """Mean square in the region over the mean square of the channel."""
 
 
+class _Split(NamedTuple):
+    """Samples on one side of a split."""
+
+    contrast: float
+    """Fraction of the squared misfit minus fraction of the samples."""
+    condition: str
+    """Condition without its threshold: of two splits with the same one, the second contains the first."""
+    description: str
+    samples: Mask
+
+
 def locate_misfit(data: WeightedData, base_fit: Fit) -> list[MisfitRegion]:
     """Return the region of each channel with the misfit that all repeats share, largest fraction first."""
     regions, mean_squares = [], {}
@@ -109,62 +120,63 @@ def _find_region(squared_misfit: Array, conditions: dict[str, Array]) -> tuple[s
 
     The values are its description, its fraction of the misfit, and its mean square over the mean square of all.
     """
-    descriptions: list[str] = []
+    descriptions: dict[str, str] = {}
     selected: Mask = np.ones(len(squared_misfit), dtype=np.bool_)
     for _ in range(2):
-        best = max(_list_splits(squared_misfit, selected, conditions), default=None, key=lambda split: split[0])
-        if best is None or best[0] < MIN_CONTRAST:
+        best = max(_list_splits(squared_misfit, selected, conditions), default=None, key=lambda split: split.contrast)
+        if best is None or best.contrast < MIN_CONTRAST:
             break
-        descriptions.append(best[1])
-        selected = best[2]
-        if "stride" in best[1]:
+        descriptions[best.condition] = best.description
+        selected = best.samples
+        if best.condition == "phase":
             conditions = {name: values for name, values in conditions.items() if name != "phase"}
     total = float(squared_misfit.sum())
     if not total > 0.0:
         return "", 1.0, 1.0
     fraction = float(squared_misfit[selected].sum()) / total
-    return ", ".join(descriptions), min(1.0, fraction), fraction / float(selected.mean())
+    return ", ".join(descriptions.values()), min(1.0, fraction), fraction / float(selected.mean())
 
 
-def _list_splits(squared_misfit: Array, selected: Mask, conditions: dict[str, Array]) -> list[tuple[float, str, Mask]]:
-    """Return contrast, description and samples of each split of the ``selected`` samples.
+def _list_splits(squared_misfit: Array, selected: Mask, conditions: dict[str, Array]) -> list[_Split]:
+    """Return the splits of the ``selected`` samples.
 
     Samples whose covariate is NaN, that is unknown, belong to neither side of a split by it.
     """
     total, count = float(squared_misfit[selected].sum()), int(selected.sum())
-    splits: list[tuple[float, str, Mask]] = []
+    splits: list[_Split] = []
     if not total > 0.0:
         return splits
     for name, values in conditions.items():
         if name == "phase":
             splits += _list_phase_windows(squared_misfit, selected, values)
             continue
-        for part, description in _list_parts(name, values, selected):
+        for part, condition, description in _list_parts(name, values, selected):
             samples = selected & part
             if samples.sum() < MIN_REGION_FRACTION * len(squared_misfit):
                 continue
             contrast = float(squared_misfit[samples].sum()) / total - samples.sum() / count
-            splits.append((contrast, description, samples))
+            splits.append(_Split(contrast, condition, description, samples))
     return splits
 
 
-def _list_parts(name: str, values: Array, selected: Mask) -> list[tuple[Mask, str]]:
-    """Return the parts into which a covariate splits the samples, and their descriptions.
+def _list_parts(name: str, values: Array, selected: Mask) -> list[tuple[Mask, str, str]]:
+    """Return the parts into which a covariate splits the samples, their conditions and their descriptions.
 
     A speed [m/s] of 0 is a held length; another covariate splits at the quantiles of its ``selected`` values.
     """
     if name == "speed":
-        return [(values < 0.0, "shortening"), (values == 0.0, "held"), (values > 0.0, "lengthening")]
+        directions = (values < 0.0, "shortening"), (values == 0.0, "held"), (values > 0.0, "lengthening")
+        return [(part, direction, direction) for part, direction in directions]
     known = values[selected & np.isfinite(values)]
     parts = []
     for threshold in np.quantile(known, SPLIT_QUANTILES).tolist() if len(known) else []:
-        parts.append((values > threshold, _describe_split(name, "above", threshold)))
-        parts.append((values <= threshold, _describe_split(name, "below", threshold)))
+        for part, side in ((values > threshold, "above"), (values <= threshold, "below")):
+            parts.append((part, f"{name} {side}", _describe_split(name, side, threshold)))
     return parts
 
 
-def _list_phase_windows(squared_misfit: Array, selected: Mask, phase: Array) -> list[tuple[float, str, Mask]]:
-    """Return contrast, description and samples of each phase window, which may include the next foot strike."""
+def _list_phase_windows(squared_misfit: Array, selected: Mask, phase: Array) -> list[_Split]:
+    """Return the phase windows of the ``selected`` samples; a window may include the next foot strike."""
     total, count, splits = float(squared_misfit[selected].sum()), int(selected.sum()), []
     for start in np.arange(0.0, 1.0, PHASE_WINDOW_SPACING):
         for width in PHASE_WINDOW_WIDTHS:
@@ -173,7 +185,7 @@ def _list_phase_windows(squared_misfit: Array, selected: Mask, phase: Array) -> 
                 continue
             contrast = float(squared_misfit[samples].sum()) / total - samples.sum() / count
             description = f"at {100.0 * start:.0f}-{100.0 * ((start + width) % 1.0) or 100.0:.0f} % of the stride"
-            splits.append((contrast, description, samples))
+            splits.append(_Split(contrast, "phase", description, samples))
     return splits
 
 
