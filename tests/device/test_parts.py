@@ -287,6 +287,7 @@ def test_documented_cylinder_alone_is_a_valid_dataset(tmp_path: Path) -> None:
         length, force = trial.prescribed["length"].value, trial.measured["force"].value
         is_moving = np.abs(np.gradient(length)) > 5e-6
         assert force[is_moving] == pytest.approx(pull(trial.device, length)[is_moving], abs=0.5)
+        assert trial.prescribed["pressure_command"].value == pytest.approx(1e5 * pressure, rel=1e-6)
 
 
 @pytest.mark.parametrize(("sections", "part"), [((CYLINDER, DAMPER), "damper"), ((CYLINDER, SEAL), "cylinder")])
@@ -314,6 +315,23 @@ def test_trials_without_a_supply_need_no_pressures(tmp_path: Path) -> None:
     write_trial(tmp_path / "a.csv", {**columns, "pressure_command [bar]": np.full(1000, 2.0)})
     with pytest.raises(InputError, match=r"there are pressures, but device 'part' has no \[supply\]"):
         load_dataset(tmp_path)
+
+
+def test_pressure_that_is_not_simulated_is_remarked(tmp_path: Path) -> None:
+    """Where the gas pressure is only subtracted, an effect that depends on it cannot be found."""
+    parse(CYLINDER).save(tmp_path / "cylinder.toml")
+    header = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "cylinder.toml"\n[columns]\n'
+    mapping = 'force = "51.9 * pressure - load [N]"\n[[trial]]\nfiles = ["a.csv"]\n'
+    (tmp_path / "dataset.toml").write_text(header + mapping, "utf-8")
+    pressure = np.full(1000, 2.0)
+    columns = {"time [s]": TIME_STEP * np.arange(1000), "length [mm]": 1e3 * move(0.17, 0.02)}
+    write_trial(tmp_path / "a.csv", {**columns, "pressure [bar]": pressure, "load [N]": 51.9 * pressure - 3.0})
+    (remark,) = load_dataset(tmp_path).remarks
+    assert "the pressure in column 'pressure [bar]' is not simulated" in remark
+    parse(CYLINDER, SUPPLY).save(tmp_path / "cylinder.toml")
+    mapping = f'pressure_command = "pressure"\n{mapping}'
+    (tmp_path / "dataset.toml").write_text(header + mapping, "utf-8")
+    assert load_dataset(tmp_path).remarks == ()
 
 
 def test_muscle_without_actuators_is_no_muscle() -> None:

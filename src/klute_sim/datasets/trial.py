@@ -13,7 +13,7 @@ from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, get_measured
 from klute_sim.datasets.column_mapping import NO_MAPPING, ColumnMapping
 from klute_sim.datasets.foot_load import estimate_plate_offset, find_loaded_samples, interpolate_loaded
 from klute_sim.datasets.trial_files import table
-from klute_sim.datasets.trial_files.column_assignment import format_columns
+from klute_sim.datasets.trial_files.column_assignment import format_columns, states_unit
 from klute_sim.datasets.trial_files.table import Table
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
@@ -166,6 +166,7 @@ def read_trial(
     sources = {channel: mapping.describe_source(column.name, units[channel]) for channel, column in columns.items()}
     if not has_supply and COMMAND_CHANNEL not in columns and columns:
         columns[COMMAND_CHANNEL] = _make_zero_column(next(iter(columns.values())))
+        remarks += _describe_pressures_without_supply(tables)
         units[COMMAND_CHANNEL] = get_prescribed_units(rig)[COMMAND_CHANNEL]
     prescribed, measured = _assign_roles(rig, columns, [str(path) for path in files])
     _check_overlap(columns, delays)
@@ -191,6 +192,18 @@ class _Column(NamedTuple):
 def _make_zero_column(column: _Column) -> _Column:
     """Return the command of a device without a supply, at the times of another ``column``."""
     return column._replace(series=column.series._replace(value=np.zeros(len(column.series.time))))
+
+
+def _describe_pressures_without_supply(tables: Sequence[Table]) -> list[str]:
+    """Return a remark about each file with a column in a unit of pressure, for a device that has no supply."""
+    pressure_unit = get_prescribed_units("bench")[COMMAND_CHANNEL]
+    found = [(file, heading) for file in tables for heading in file.available if states_unit(heading, pressure_unit)]
+    return [
+        f"trial file {file.source}: the pressure in column '{heading}' is not simulated, because the device has no "
+        "[supply]; where a muscle or a seal feels it, add [supply] to the device file and "
+        f"{COMMAND_CHANNEL} to [columns], or no effect that depends on pressure can be found"
+        for file, heading in found[:1]
+    ]
 
 
 def _extract_time(file: Table, mapping: ColumnMapping, *, has_other_clocks: bool) -> Array:
