@@ -73,6 +73,7 @@ def replace_fits(monkeypatch: pytest.MonkeyPatch) -> Callable[[Refits], None]:
             return refits[fit.hypothesis.terms], True
 
         monkeypatch.setattr(bounds, "fit_hypothesis", refine)
+        monkeypatch.setattr(robustness, "fit_hypothesis", refine)
         monkeypatch.setattr(bounds, "refit_with_replacement", simplify)
         monkeypatch.setattr(robustness, "check_convergence", check)
         monkeypatch.setattr(predictive_selection, "check_convergence", check)
@@ -249,6 +250,30 @@ def test_alternatives_at_bounds_and_absurd_instruments_are_no_rivals(
     absurd = make_fit(GAIN, gain=1.4, chi2=2.0)
     assert "further off" in find_naming_obstacle(data, absurd)
     assert set(find_alternatives(a=absurd)) == {(STRIBECK,), (COULOMB,), (RELAXATION,)}
+
+
+def test_value_that_is_not_determined_is_no_flaw_of_an_alternative(
+    data: WeightedData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The stick fraction of both models is arbitrary: at its bound in the alternative, unless that starts inside."""
+    best = make_fit(STRIBECK, RELAXATION, stick_fraction=INSIDE, time_constant_s=1.0)
+    rival = make_fit(STRIBECK, THRESHOLD, stick_fraction=AT_BOUND)
+    step = SelectionStep(make_fit(STRIBECK, chi2=500.0), (), (best, rival), RELAXATION, {}, "")
+    search = ForwardSelection(data, [], [], history=[step])
+    monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
+    monkeypatch.setattr(ForwardSelection, "compute_validation_gains", lambda self, before, after: {})
+    monkeypatch.setattr(robustness, "refine_names", lambda data, fit: fit)
+    monkeypatch.setattr(robustness, "refit_without_term", lambda data, fit, term: make_fit(chi2=500.0))
+    monkeypatch.setattr(robustness, "screen_candidates", lambda data, fit, terms: [])
+
+    def start_at(data: WeightedData, hypothesis: Hypothesis, x: np.ndarray) -> Fit:
+        return Fit(hypothesis, x, np.zeros(1), np.ones((1, len(x))), True, [])
+
+    monkeypatch.setattr(robustness, "fit_hypothesis", start_at)
+    (model,) = find_equivalent_models(search, best)
+    assert model.fit.hypothesis.terms == (STRIBECK, THRESHOLD)
+    values = {p.name: value for p, value in zip(model.fit.hypothesis.parameters, model.fit.values, strict=True)}
+    assert values["stick_fraction"] == pytest.approx(INSIDE)
 
 
 def test_choice_by_prediction_is_made_again_where_a_refined_fit_reaches_a_bound(

@@ -4,6 +4,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.selection.bounds import has_value_at_bound, refine_names, simplify_at_bound
 from klute_sim.diagnosis.selection.candidates import list_further_terms
@@ -106,7 +107,8 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
     The BIC of such a model lags by no more than the threshold, or by no more than :data:`MAX_GAIN_LAG_FRACTION` of what
     the replaced term gains while its repeats show no misfit either: an effect that is not in the catalogue may be as
     close to both. The replacement must pass the acceptance tests of the selection, including validation. It must be
-    nameable: where its refined fit has a parameter at a bound, a simpler form takes its place or none does.
+    nameable, if need be from the values of ``best_fit``: where its refined fit has a parameter at a bound, a simpler
+    form takes its place or none does.
     """
     data, best_bic = search.data, best_fit.bic(search.data.n_effective)
     models: list[EquivalentModel] = []
@@ -124,12 +126,31 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
             if not (is_other and _is_equivalent(search, reduced_fit, refit, best_fit)):
                 continue
             rival = refine_names(data, refit)
+            if find_naming_obstacle(data, rival):
+                rival = refine_names(data, _restart_at(data, refit, best_fit))
             is_known = any(model.fit.hypothesis == rival.hypothesis for model in models)
             if is_known or find_naming_obstacle(data, rival):
                 continue
             if _is_equivalent(search, reduced_fit, rival, best_fit):
                 models.append(EquivalentModel(rival, rival.bic(data.n_effective) - best_bic))
     return sorted(models, key=lambda model: model.difference)
+
+
+def _restart_at(data: WeightedData, rival: Fit, best_fit: Fit) -> Fit:
+    """Return ``rival`` refitted from the values of ``best_fit`` for the parameters that both have.
+
+    A value that the data do not determine ends anywhere, also at its bound, which is then no flaw of the rival.
+    """
+    known = dict(zip(_identify_parameters(best_fit.hypothesis), best_fit.x, strict=True))
+    keys = _identify_parameters(rival.hypothesis)
+    start = np.array([known.get(key, own) for key, own in zip(keys, rival.x, strict=True)])
+    return fit_hypothesis(data, rival.hypothesis, start)
+
+
+def _identify_parameters(hypothesis: Hypothesis) -> list[tuple[EffectTerm | None, str]]:
+    """Return term (None for the device) and name of each parameter of ``hypothesis``."""
+    terms, parameters = hypothesis.terms, hypothesis.parameters
+    return [(None if p.term_index is None else terms[p.term_index], p.name) for p in parameters]
 
 
 def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_fit: Fit) -> bool:
