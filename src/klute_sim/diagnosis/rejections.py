@@ -8,7 +8,7 @@ from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, SelectionStep
-from klute_sim.diagnosis.selection.predictive_model import PredictiveResult, compare_errors
+from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult, compare_errors
 
 Identity = tuple[str | None, ...]
 """Effect, channel and number of a term."""
@@ -96,11 +96,25 @@ def _explain_prediction(prediction: PredictiveResult) -> dict[Identity, Rejectio
         ratio = compare_errors(model, prediction.base)
         outcome = "a simulation diverges in a prediction"
         if ratio is not None:
-            outcome = f"the squared error of prediction changes by {100.0 * (ratio - 1.0):+.0f} %"
+            outcome = f"the squared error of prediction changes by {100.0 * (ratio - 1.0):+.3g} %"
         for term in model.terms:
             others = " and ".join(str(other) for other in model.terms if other != term)
             reason = f"with {others} {outcome}" if others else outcome
             if ratio is not None:
-                reason += f"; {model.obstacle}" if model.obstacle else "; the chosen model predicts as well or better"
+                reason += f"; {model.obstacle or _explain_choice(model, prediction)}"
             rejections.setdefault(term.identity, Rejection(term, reason))
     return rejections
+
+
+def _explain_choice(model: PredictiveModel, prediction: PredictiveResult) -> str:
+    """Return why ``model``, which may be named, was not chosen, without a full stop."""
+    chosen = prediction.chosen
+    difference = (chosen.error - model.error) / prediction.base.error
+    if not difference > 0.0:
+        return "the chosen model predicts as well or better"
+    if len(model.terms) <= len(chosen.terms):
+        return f"it is not chosen again without one {prediction.fold_kind} or another"
+    return (
+        f"the chosen model has fewer effects, and leaves {100.0 * difference:.2g} % more of that error: too little, or "
+        "too uncertain, for a further effect"
+    )

@@ -1,0 +1,53 @@
+"""Reasons of rejected candidates say what the selection decided by."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.rejections import list_rejections
+from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
+
+VALVE, LAG = EffectTerm("choked_valve", "downstream"), EffectTerm("pressure_lag", "first_order")
+DELAY, HOSE, DROOP = (
+    EffectTerm(*names) for names in (("pressure_delay", "dead_time"), ("hose", "tube"), ("supply_droop", "tank"))
+)
+
+
+def make_model(*terms: EffectTerm, error: float, obstacle: str = "") -> PredictiveModel:
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), (), terms)
+    x = hypothesis.initial_point()
+    fit = Fit(hypothesis, x, np.zeros(1), np.ones((1, len(x))), True, [])
+    return PredictiveModel(fit, np.full(4, error), np.zeros((4, len(x))), obstacle)
+
+
+def test_reason_tells_a_better_prediction_from_a_worse_one() -> None:
+    base, chosen = make_model(error=1.0), make_model(VALVE, error=0.014)
+    models = [
+        make_model(VALVE, LAG, error=0.001),
+        make_model(DELAY, error=0.012),
+        chosen,
+        make_model(DROOP, error=0.5),
+        make_model(HOSE, error=0.6, obstacle="hose has 'length_m' at its bound, 20"),
+        base,
+    ]
+    result = PredictiveResult(base, chosen, [], models, {VALVE: 1.0}, 0.986, 0.0, "condition", 4)
+    diagnosis = SimpleNamespace(
+        added_terms=(VALVE,), equivalent_models=[], selection_history=[], prediction=result, n_independent=100.0
+    )
+    reasons = {rejection.term: rejection.reason for rejection in list_rejections(cast(Any, diagnosis))}
+    assert reasons == {
+        LAG: (
+            "with choked_valve (downstream) the squared error of prediction changes by -99.9 %; the chosen model has "
+            "fewer effects, and leaves 1.3 % more of that error: too little, or too uncertain, for a further effect"
+        ),
+        DELAY: (
+            "the squared error of prediction changes by -98.8 %; "
+            "it is not chosen again without one condition or another"
+        ),
+        DROOP: "the squared error of prediction changes by -50 %; the chosen model predicts as well or better",
+        HOSE: "the squared error of prediction changes by -40 %; hose has 'length_m' at its bound, 20",
+    }
