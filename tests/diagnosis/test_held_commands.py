@@ -16,6 +16,7 @@ from klute_sim.diagnosis.experiments.interpolation import shows_updates
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.noise.misfit import Misfit
+from klute_sim.diagnosis.noise.repeats import Noise
 from tests.diagnosis import synthetic_gait_dataset
 from tests.diagnosis.synthetic_dataset import write_dataset
 from tests.diagnosis.test_mechanism_diagnosis import SHORT, prepare
@@ -178,11 +179,40 @@ def test_pressure_decides_where_the_law_of_the_muscle_is_imperfect(
     for outcome, rms in ((linear, linear_misfit), (held, held_misfit)):
         outcome.data.experiments, outcome.data.noise = [], {"pressure": None, "force": None}
         outcome.data.compute_residuals = lambda hypothesis, points, rms=rms: [rms]
+    monkeypatch.setattr(held_commands, "has_repeats", lambda experiments: True)
     monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: 0.0)
     monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
     monkeypatch.setattr(
         held_commands, "estimate_misfit", lambda experiments, rms, noise: {c: Misfit(rms, 9.0, 400.0) for c in noise}
     )
+    outcome, remarks = held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
+    assert outcome is (held if is_held else linear)
+    assert [remark.endswith("agrees with held ones only.") for remark in remarks] == [True] * is_held
+
+
+@pytest.mark.parametrize(
+    ("linear_rms", "named_rms", "held_rms", "is_held"),
+    [
+        pytest.param(3.0, 1.0, 1.02, True, id="held commands need no name"),
+        pytest.param(3.0, 0.8, 1.02, False, id="the names explain more"),
+        pytest.param(1.0, 1.0, 1.02, False, id="neither course needs a name"),
+    ],
+)
+def test_pressure_without_repeats_decides_by_what_is_left(
+    linear_rms: float, named_rms: float, held_rms: float, is_held: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without repeats, a sampling interval of delay was named beside a hysteresis."""
+    linear = make_outcome("pressure_delay braid_hysteresis", verdict="indistinguishable", is_imperfect=True)
+    held = make_outcome("", verdict="insufficient-data", bic=20.0, is_imperfect=True)
+    linear.base_fit.x, linear.selected.final_fit = linear_rms, SimpleNamespace(hypothesis=None, x=named_rms)
+    held.base_fit.x = held_rms
+    for outcome in (linear, held):
+        outcome.data.experiments, outcome.data.noise = [], {"pressure": Noise(2.0, ()), "force": None}
+        outcome.data.compute_residuals = lambda hypothesis, points: [
+            [{"pressure": np.full(9, 2.0 * rms), "force": np.ones(9)}] for rms in points
+        ]
+    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: 0.0)
+    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
     outcome, _ = held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
     assert outcome is (held if is_held else linear)
 

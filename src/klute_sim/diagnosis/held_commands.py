@@ -1,19 +1,36 @@
 """Course of the commands between their logged samples: straight lines, or values that a controller holds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
+from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.final_model import FinalModel
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
+from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.types import ProgressCallback
 
 TIME_SHIFTS = frozenset({"clock_skew", "pressure_delay"})
 """Effects that shift a channel or the command in time, as another course of the command between its samples does."""
+
+
+MAX_LEFT_FRACTION = 0.5
+"""Part of the mean square that linear commands leave in pressures without repeats, which held ones may leave
+(assumed)."""
+MAX_LEFT_RATIO = 1.1
+"""Mean square that held commands alone may leave there, over that of linear ones with all names (assumed)."""
+
+HELD_REMARK = (
+    "The commands are taken as held until their next sample; straight lines between samples act up to a sampling "
+    "interval earlier"
+)
+"""Beginning of the remark on held commands."""
 
 
 class Outcome(NamedTuple):
@@ -70,7 +87,7 @@ def select_command_course(
     held = search_model(experiments)
     difference = linear.compute_bic(_copy_weights(linear.data, held.data)) - held.compute_bic(held.data)
     if _explains_pressure(linear, held):
-        return held, [_describe_course(difference)]
+        return held, [f"{HELD_REMARK}, and the measured pressure agrees with held ones only."]
     # What the course of the command explains as well needs no name, a shift in time least of all.
     if held.n_time_shifts > linear.n_time_shifts or held.selected.verdict == "unexplained" != linear.selected.verdict:
         return linear, []
@@ -81,25 +98,24 @@ def select_command_course(
         return linear, []
     if not difference > (-1.0 if has_fewer_names else 1.0) * linear.search.bic_threshold:
         return linear, []
-    return held, [_describe_course(difference)]
-
-
-def _describe_course(difference: float) -> str:
-    return (
-        "The commands are taken as held until their next sample; straight lines between samples act up to a sampling "
-        f"interval earlier, and with them BIC changes by {difference:+.0f}."
-    )
+    return held, [f"{HELD_REMARK}, and with them BIC changes by {difference:+.0f}."]
 
 
 def _explains_pressure(linear: Outcome, held: Outcome) -> bool:
     """Return whether held commands alone leave no misfit of the measured pressures, and linear ones do.
 
     The law of the muscle is not in a pressure, so that it decides where an imperfect law leaves a misfit of the force
-    for either course.
+    for either course. Without repeats, held commands alone must leave no more than linear ones with all names do.
     """
     noise = {name: value for name, value in held.data.noise.items() if name.startswith("pressure")}
     if not noise:
         return False
+    if not has_repeats(held.data.experiments):
+        left = _compute_mean_square(held.data, held.base_fit, noise)
+        is_far_less = left < MAX_LEFT_FRACTION * _compute_mean_square(linear.data, linear.base_fit, noise)
+        return is_far_less and left <= MAX_LEFT_RATIO * _compute_mean_square(
+            linear.data, linear.selected.final_fit, noise
+        )
 
     def has_misfit(data: WeightedData, fit: Fit) -> bool:
         residuals = data.compute_residuals(fit.hypothesis, [fit.x])[0]
@@ -107,6 +123,13 @@ def _explains_pressure(linear: Outcome, held: Outcome) -> bool:
 
     is_left = has_misfit(held.data, held.base_fit)
     return not is_left and has_misfit(_copy_weights(linear.data, held.data), linear.base_fit)
+
+
+def _compute_mean_square(data: WeightedData, fit: Fit, noise: Mapping[str, Noise]) -> float:
+    """Return the mean square of the residuals of ``fit`` in the channels of ``noise``, over that of the noise [1]."""
+    rows = data.compute_residuals(fit.hypothesis, [fit.x])[0]
+    ratios = [row[name] / noise[name].std for row in rows for name in noise.keys() & row.keys()]
+    return float(np.mean(np.concatenate(ratios) ** 2))
 
 
 def _copy_weights(data: WeightedData, weighted: WeightedData) -> WeightedData:
