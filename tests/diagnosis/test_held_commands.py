@@ -114,7 +114,11 @@ def make_outcome(names: str, *, bic: float = 0.0, verdict: str = "identified", i
         data=SimpleNamespace(with_experiments=lambda experiments: None, noise={}),
         base_fit=SimpleNamespace(chi2=1.0, hypothesis=None, x=None),
         search=SimpleNamespace(bic_threshold=6.0),
-        selected=SimpleNamespace(verdict=verdict, prediction=object() if is_imperfect else None),
+        selected=SimpleNamespace(
+            verdict=verdict,
+            prediction=object() if is_imperfect else None,
+            final_fit=SimpleNamespace(hypothesis=None, x=None),
+        ),
         terms=terms,
         n_time_shifts=sum(term.effect in held_commands.TIME_SHIFTS for term in terms),
         compute_bic=lambda data: bic,
@@ -188,6 +192,35 @@ def test_pressure_decides_where_the_law_of_the_muscle_is_imperfect(
     outcome, remarks = held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
     assert outcome is (held if is_held else linear)
     assert [remark.endswith("agrees with held ones only.") for remark in remarks] == [True] * is_held
+
+
+@pytest.mark.parametrize(
+    ("linear_left", "held_left", "held_names", "is_held"),
+    [
+        pytest.param(0.05e5, 0.0, "number_error", True, id="with held commands, the names explain the pressure"),
+        pytest.param(0.05e5, 0.0, "clock_skew", False, id="and a further shift in time"),
+        pytest.param(0.0, 0.0, "number_error", False, id="with both"),
+        pytest.param(0.05e5, 0.05e5, "number_error", False, id="with neither"),
+    ],
+)
+def test_held_command_completes_the_names_of_a_pressure(
+    linear_left: float, held_left: float, held_names: str, is_held: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wrong rate of the supply hid that the commands are held: without it, straight lines fit better."""
+    linear = make_outcome("leak", verdict="unexplained", is_imperfect=True)
+    held = make_outcome(held_names, verdict="identified-in-part", bic=-90.0, is_imperfect=True)
+    for outcome, rms in ((linear, linear_left), (held, held_left)):
+        outcome.base_fit.x, outcome.selected.final_fit.x = 0.1e5, rms
+        outcome.data.experiments, outcome.data.noise = [], {"pressure": Noise(2.0, ())}
+        outcome.data.compute_residuals = lambda hypothesis, points: points
+    monkeypatch.setattr(held_commands, "has_repeats", lambda experiments: True)
+    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: 2.0)
+    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
+    monkeypatch.setattr(
+        held_commands, "estimate_misfit", lambda experiments, rms, noise: {c: Misfit(rms, 9.0, 400.0) for c in noise}
+    )
+    outcome, _ = held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
+    assert outcome is (held if is_held else linear)
 
 
 @pytest.mark.parametrize(

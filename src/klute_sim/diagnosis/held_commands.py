@@ -72,24 +72,27 @@ def select_command_course(
 
     A delay of up to a sampling interval of the command may be a course of the command between its samples. ``linear``
     is the outcome with linear commands. Held ones are tried where they reduce the misfit of its device without effects,
-    and where it names a shift in time: a large effect can hide that they fit better. With linear commands, samples that
+    where it names a shift in time, and where it leaves a misfit of a pressure: a large effect, or a wrong rate of the
+    supply, can hide that they fit better. With linear commands, samples that
     depend on their course count less. With held ones none does, so the two are compared with the weights of these.
-    Measured pressures that agree with held commands only decide, whatever is named beside them.
+    Measured pressures that agree with held commands only decide, whatever is named beside them, and so do those that
+    agree with the names for held commands only.
     """
     if not any(e.held_variant for e in linear.experiments if e.use == "fit" and e.measured):
         return linear, []
     experiments = [e.held_variant or e for e in linear.experiments]
     fitted = [e for e in experiments if e.use == "fit" and e.measured]
     has_less_misfit = _compute_chi2(linear.data.with_experiments(fitted), linear.base_fit) <= linear.base_fit.chi2
-    if not has_less_misfit and linear.n_time_shifts == 0:
+    if not (has_less_misfit or linear.n_time_shifts or _has_misfit(linear.data, linear.selected.final_fit)):
         return linear, []
     progress(0.2, "fitting with commands that are held until the next sample")
     held = search_model(experiments)
     difference = linear.compute_bic(_copy_weights(linear.data, held.data)) - held.compute_bic(held.data)
-    if _explains_pressure(linear, held):
+    has_further_shift = held.n_time_shifts > linear.n_time_shifts
+    if _explains_pressure(linear, held) or (not has_further_shift and _completes_pressure(linear, held)):
         return held, [f"{HELD_REMARK}, and the measured pressure agrees with held ones only."]
     # What the course of the command explains as well needs no name, a shift in time least of all.
-    if held.n_time_shifts > linear.n_time_shifts or held.selected.verdict == "unexplained" != linear.selected.verdict:
+    if has_further_shift or held.selected.verdict == "unexplained" != linear.selected.verdict:
         return linear, []
     has_fewer_names = len(held.terms) < len(linear.terms)
     # An imperfect law leaves more than the course of the command does, so BIC cannot tell which course is right.
@@ -107,7 +110,7 @@ def _explains_pressure(linear: Outcome, held: Outcome) -> bool:
     The law of the muscle is not in a pressure, so that it decides where an imperfect law leaves a misfit of the force
     for either course. Without repeats, held commands alone must leave no more than linear ones with all names do.
     """
-    noise = {name: value for name, value in held.data.noise.items() if name.startswith("pressure")}
+    noise = _select_pressure_noise(held.data)
     if not noise:
         return False
     if not has_repeats(held.data.experiments):
@@ -116,13 +119,26 @@ def _explains_pressure(linear: Outcome, held: Outcome) -> bool:
         return is_far_less and left <= MAX_LEFT_RATIO * _compute_mean_square(
             linear.data, linear.selected.final_fit, noise
         )
+    is_left = _has_misfit(held.data, held.base_fit)
+    return not is_left and _has_misfit(_copy_weights(linear.data, held.data), linear.base_fit)
 
-    def has_misfit(data: WeightedData, fit: Fit) -> bool:
-        residuals = data.compute_residuals(fit.hypothesis, [fit.x])[0]
-        return any(map(is_significant, estimate_misfit(data.experiments, residuals, noise).values()))
 
-    is_left = has_misfit(held.data, held.base_fit)
-    return not is_left and has_misfit(_copy_weights(linear.data, held.data), linear.base_fit)
+def _completes_pressure(linear: Outcome, held: Outcome) -> bool:
+    """Return whether all names leave a misfit of the measured pressures with linear commands only."""
+    return _has_misfit(linear.data, linear.selected.final_fit) and not _has_misfit(held.data, held.selected.final_fit)
+
+
+def _select_pressure_noise(data: WeightedData) -> dict[str, Noise]:
+    return {name: value for name, value in data.noise.items() if name.startswith("pressure")}
+
+
+def _has_misfit(data: WeightedData, fit: Fit) -> bool:
+    """Return whether repeats of ``data`` show a misfit of ``fit`` in a measured pressure."""
+    noise = _select_pressure_noise(data)
+    if not noise:
+        return False
+    residuals = data.compute_residuals(fit.hypothesis, [fit.x])[0]
+    return any(map(is_significant, estimate_misfit(data.experiments, residuals, noise).values()))
 
 
 def _compute_mean_square(data: WeightedData, fit: Fit, noise: Mapping[str, Noise]) -> float:
