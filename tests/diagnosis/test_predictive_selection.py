@@ -27,6 +27,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     choose_model,
     choose_stable_model,
     divide_into_folds,
+    is_as_good,
     refuse_idle_terms,
 )
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
@@ -64,6 +65,17 @@ def test_simplest_model_within_one_standard_error_is_chosen() -> None:
     clearly_better = make_model((FRICTION, TAPER), [0.5, 0.6, 0.4, 0.5, 0.6, 0.4])
     assert choose_model([BASE, single, clearly_better], ALL) is clearly_better
     assert choose_model([BASE], ALL) is BASE
+
+
+def test_model_that_is_far_worse_in_one_fold_and_better_in_none_is_not_as_good() -> None:
+    """The pressure changes in one condition only: a delay in place of a lag is wrong there, and nowhere else."""
+    lag, delay = make_model((FRICTION,), [0.1] * 6), make_model((TAPER,), [9.0, 0.1, 0.1, 0.1, 0.1, 0.1])
+    base = make_model((), [20.0, 0.1, 0.1, 0.1, 0.1, 0.1])
+    assert not is_as_good(delay, lag)
+    assert choose_model([base, lag, delay], ALL) is lag
+    assert is_as_good(make_model((TAPER,), [9.0, 0.05, 0.1, 0.1, 0.1, 0.1]), lag)  # better in another fold
+    assert is_as_good(make_model((TAPER,), [0.6, 0.1, 0.1, 0.1, 0.1, 0.1]), lag)  # not far worse
+    assert choose_model([base, lag, delay], np.arange(1, 6)) is base
 
 
 def test_further_term_that_takes_a_small_part_of_the_error_of_the_law_is_not_chosen() -> None:

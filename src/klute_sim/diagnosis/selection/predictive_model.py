@@ -30,6 +30,11 @@ MIN_FAULT_SHARE = 0.5
 """The same share of a further term that is a wrong number or a fault of an instrument (assumed: unlike an effect, it
 contradicts what was measured or calibrated. In three recorded benchmark verdicts such a term took 0.31, 0.32 and 0.52
 beside an effect, and was wrong each time)."""
+MAX_DOMINATED_RATIO = 2.0
+"""Error of prediction over that of another model, above which a model that predicts no fold better is not as good
+(assumed: models of an imperfect law that are better in all folds by so much are not so by chance)."""
+FOLD_TOLERANCE = 0.1
+"""Fraction of the error of a fold by which a model may be better there and still count as no better (assumed)."""
 MIN_STABILITY = 0.8
 """Fraction of the selections without one fold in which an effect must be chosen again."""
 
@@ -298,9 +303,16 @@ def choose_stable_model(
 
 
 def is_as_good(model: PredictiveModel, best: PredictiveModel, folds: NDArray[np.intp] | None = None) -> bool:
-    """Return whether ``model`` predicts ``folds`` (all by default) within one standard error as well as ``best``."""
-    differences = model.errors - best.errors
-    if folds is not None:
-        differences = differences[folds]
+    """Return whether ``model`` predicts ``folds`` (all by default) within one standard error as well as ``best``.
+
+    Where one fold shows nearly all of an effect, the standard error is as large as the difference, whatever its size.
+    So a model that predicts no fold better is not as good above :data:`MAX_DOMINATED_RATIO` times the error.
+    """
+    selected = np.arange(len(best.errors)) if folds is None else folds
+    errors, best_errors = model.errors[selected], best.errors[selected]
+    differences = errors - best_errors
+    is_nowhere_better = bool((differences >= -FOLD_TOLERANCE * best_errors).all())
+    if is_nowhere_better and errors.sum() > MAX_DOMINATED_RATIO * best_errors.sum():
+        return False
     standard_error = float(differences.std(ddof=1)) / np.sqrt(len(differences)) if len(differences) > 1 else 0.0
     return float(differences.mean()) <= standard_error
