@@ -117,6 +117,8 @@ def test_final_fit_at_a_bound_takes_a_simpler_form_that_explains_the_data(
         ("muscle.bladder_thickness_mm", 0, True),
         ("muscle.turns_per_m", 0, True),
         ("muscle.turns_per_m", 1, True),
+        ("supply.rate_bar_per_s", 0, True),
+        ("supply.rate_bar_per_s", 1, False),  # too fast to show how fast
     ],
 )
 def test_number_is_named_at_a_limit_of_the_muscle_but_not_of_its_plausible_error(

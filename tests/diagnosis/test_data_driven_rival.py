@@ -56,6 +56,7 @@ def test_elimination_keeps_the_true_functions() -> None:
 
 RATIO = EffectTerm("number_error", "value", number="muscle.braid_length_ratio")
 TURNS = EffectTerm("number_error", "value", number="muscle.turns_per_m")
+RATE = EffectTerm("number_error", "value", number="supply.rate_bar_per_s")
 
 
 @pytest.mark.parametrize(
@@ -65,6 +66,8 @@ TURNS = EffectTerm("number_error", "value", number="muscle.turns_per_m")
         ((RATIO,), [-3.1], False),
         ((RATIO, TURNS), [1.0, 3.5], False),
         ((RATIO, TAPER), [5.0, 0.1], True),  # a number beside an effect
+        ((RATE,), [5.0], True),  # a supply may be as fast as it likes
+        ((RATE, RATIO), [5.0, 3.1], False),
     ],
 )
 def test_number_that_is_wrong_by_an_implausible_amount_has_a_rival(

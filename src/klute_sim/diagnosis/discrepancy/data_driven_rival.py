@@ -16,6 +16,7 @@ from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
 from klute_sim.diagnosis.discrepancy.sparse_regression import fit_data_driven_term
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.number_error import KEYS_WITHOUT_UPPER_LIMIT
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.bounds import refine_names
 from klute_sim.diagnosis.selection.candidates import acts_on_pressure
@@ -124,8 +125,8 @@ def find_rival_of_number(
 ) -> RivalOfNumber | None:
     """Return the rival of names that are only numbers, one of them wrong by an implausible amount.
 
-    Returns None where all numbers are off by at most :data:`MAX_NUMBER_SIGMAS` plausible errors, or where no
-    data-driven term represents the misfit. ``exclude`` names effects that are not candidates.
+    Returns None where all numbers are off by at most :data:`MAX_NUMBER_SIGMAS` plausible errors, or may be as large as
+    they like, or where no data-driven term represents the misfit. ``exclude`` names effects that are not candidates.
     """
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if not names or not all(term.number for term in names):
@@ -133,10 +134,10 @@ def find_rival_of_number(
     errors = {
         named_fit.hypothesis.terms[parameter.term_index]: abs(float(x))
         for parameter, x in zip(named_fit.hypothesis.parameters, named_fit.x, strict=True)
-        if parameter.term_index is not None
+        if parameter.term_index is not None and not (x > 0.0 and parameter.name in KEYS_WITHOUT_UPPER_LIMIT)
     }
-    term = max(names, key=lambda name: errors[name])
-    if errors[term] <= MAX_NUMBER_SIGMAS:
+    term = max(names, key=lambda name: errors.get(name, 0.0))
+    if errors.get(term, 0.0) <= MAX_NUMBER_SIGMAS:
         return None
     residuals = compute_equation_residuals(search.data, base_fit)
     fitted = fit_data_driven_term(search, base_fit, residuals, exclude, max_supports=1)

@@ -9,7 +9,7 @@ from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.dependent_numbers import limit_to_valid
 from klute_sim.diagnosis.fitting.hypothesis import PRIOR_BOUND_SIGMAS, EffectTerm, FitParameter, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS
+from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, KEYS_WITHOUT_UPPER_LIMIT
 from klute_sim.effects.families import instrument
 
 MAX_INSTRUMENT_FRACTION = 0.1
@@ -113,7 +113,8 @@ def find_numbers_at_limit(fit: Fit) -> list[str]:
 def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter, float]]:
     """Yield term, parameter and normalized bound of each parameter of a term that is at its bound.
 
-    A limit of physics, such as the exponent of an isothermal change or a bladder on its braid, is a value like others.
+    A limit of physics, such as the exponent of an isothermal change or a bladder on its braid, is a value like others,
+    and so is a supply too fast for the data to show how fast.
     """
     hypothesis = fit.hypothesis
     for index, bound in fit.find_bounds_reached().items():
@@ -121,19 +122,20 @@ def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter
         if parameter.term_index is None:
             continue
         term = hypothesis.terms[parameter.term_index]
-        limits = _list_physical_limits(hypothesis, term, parameter)
+        limits = _list_admissible_limits(hypothesis, term, parameter)
         if not any(math.isclose(parameter.denormalize(bound), limit) for limit in limits):
             yield term, parameter, bound
 
 
-def _list_physical_limits(hypothesis: Hypothesis, term: EffectTerm, parameter: FitParameter) -> tuple[float, ...]:
-    """Return the limits that physics sets for ``parameter`` of ``term``, in its unit."""
+def _list_admissible_limits(hypothesis: Hypothesis, term: EffectTerm, parameter: FitParameter) -> tuple[float, ...]:
+    """Return the limits of ``parameter`` of ``term`` that are values like others, in its unit."""
     if not term.number:
         return next((p.physical_limits for p in term.parameters if p.key == parameter.name), ())
     values = {**hypothesis.device.spec.collect_values(), parameter.name: parameter.initial}
     tested = parameter.initial - BOUND_SIGMAS * parameter.scale, parameter.initial + BOUND_SIGMAS * parameter.scale
     limits = limit_to_valid(values, parameter.name, *tested)
-    return tuple(limit for limit in limits if limit not in tested)
+    unlimited = (parameter.upper,) if term.number in KEYS_WITHOUT_UPPER_LIMIT else ()
+    return (*unlimited, *(limit for limit in limits if limit not in tested))
 
 
 def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, values: list[float]) -> bool:
