@@ -106,7 +106,9 @@ def test_every_command_of_a_joint_is_held(tmp_path: Path) -> None:
         assert set(np.round(held.inputs[name])) <= {round(v) for v in linear.inputs[name]}  # values of samples only
 
 
-def make_outcome(names: str, *, bic: float = 0.0, verdict: str = "identified", is_imperfect: bool = False) -> Any:
+def make_outcome(
+    names: str, *, bic: float = 0.0, verdict: str = "identified", is_imperfect: bool = False, shift_gain: float = 0.0
+) -> Any:
     """Return the stand-in of an outcome that names effects; its trial has a variant with a held command."""
     terms = tuple(SimpleNamespace(effect=name) for name in names.split())
     return SimpleNamespace(
@@ -122,6 +124,7 @@ def make_outcome(names: str, *, bic: float = 0.0, verdict: str = "identified", i
         terms=terms,
         n_time_shifts=sum(term.effect in held_commands.TIME_SHIFTS for term in terms),
         compute_bic=lambda data: bic,
+        compute_shift_gain=lambda: shift_gain,
     )
 
 
@@ -132,6 +135,9 @@ def make_outcome(names: str, *, bic: float = 0.0, verdict: str = "identified", i
         pytest.param(make_outcome("leak"), make_outcome("leak", bic=-5.0), False, id="hardly better"),
         pytest.param(make_outcome("leak clock_skew"), make_outcome("leak", bic=5.0), True, id="fewer names"),
         pytest.param(make_outcome("leak clock_skew"), make_outcome("leak", bic=7.0), False, id="fewer names, worse"),
+        pytest.param(
+            make_outcome("leak clock_skew", shift_gain=90.0), make_outcome("leak", bic=7.0), True, id="most of a shift"
+        ),
         pytest.param(make_outcome("leak"), make_outcome("pressure_delay", bic=-90.0), False, id="a shift instead"),
         pytest.param(make_outcome("leak"), make_outcome("leak clock_skew", bic=-90.0), False, id="a further shift"),
         pytest.param(

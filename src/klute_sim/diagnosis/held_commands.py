@@ -13,7 +13,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import Noise
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_without_term
 from klute_sim.types import ProgressCallback
 
 TIME_SHIFTS = frozenset({"clock_skew", "pressure_delay"})
@@ -26,6 +26,9 @@ MAX_LEFT_FRACTION = 0.5
 MAX_LEFT_RATIO = 1.1
 """Mean square that held commands alone may leave there, over that of linear ones with all names (assumed)."""
 
+MAX_SHIFT_REMAINDER = 0.1
+"""Part of what a shift in time gains by which held commands without it may explain less (assumed: a delay can be
+adjusted, and follows a step that is not exactly at a sample better than a held command does)."""
 HELD_REMARK = (
     "The commands are taken as held until their next sample; straight lines between samples act up to a sampling "
     "interval earlier"
@@ -64,6 +67,14 @@ class Outcome(NamedTuple):
         final = self.selected.final_fit
         return fit_hypothesis(data, final.hypothesis, final.x).bic(data.n_effective)
 
+    def compute_shift_gain(self) -> float:
+        """Return the fall of the Bayesian information criterion by the shifts in time beside the other names."""
+        final = fit = self.selected.final_fit
+        for term in self.terms:
+            if term.effect in TIME_SHIFTS:
+                fit = refit_without_term(self.data, fit, term)
+        return fit.bic(self.data.n_effective) - final.bic(self.data.n_effective)
+
 
 def select_command_course(
     linear: Outcome, search_model: Callable[[list[Experiment]], Outcome], progress: ProgressCallback
@@ -99,7 +110,10 @@ def select_command_course(
     needs_fewer_names = held.selected.prediction is not None
     if needs_fewer_names and not has_fewer_names and held.n_time_shifts == linear.n_time_shifts:
         return linear, []
-    if not difference > (-1.0 if has_fewer_names else 1.0) * linear.search.bic_threshold:
+    min_difference = (-1.0 if has_fewer_names else 1.0) * linear.search.bic_threshold
+    if has_fewer_names and held.n_time_shifts < linear.n_time_shifts:
+        min_difference = min(min_difference, -MAX_SHIFT_REMAINDER * linear.compute_shift_gain())
+    if not difference > min_difference:
         return linear, []
     return held, [f"{HELD_REMARK}, and with them BIC changes by {difference:+.0f}."]
 
