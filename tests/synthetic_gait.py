@@ -136,7 +136,7 @@ def treadmill(folder: Path, walker: Walker) -> Path:
 def c3d(folder: Path, walker: Walker, moment_unit: str = "Nmm", readings: tuple[float, ...] = 6 * (0.0,)) -> Path:
     """Markers in millimetres, z up and y forward, and two force plates of type 2, one for each foot; needs ezc3d.
 
-    ``readings`` are those of the channels of an empty plate [N, N.mm].
+    ``readings`` are those of the channels of an unloaded plate [N, N.mm].
     """
     import ezc3d
 

@@ -1,4 +1,4 @@
-"""Force plates of other laboratories: units, corners, clocks, readings of the empty plate, and missing samples."""
+"""Force plates of other laboratories: units, corners, clocks, readings of the unloaded plate, and missing samples."""
 
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def test_plates_that_were_not_zeroed_give_the_same_stride(tmp_path: Path) -> Non
     imported = run_import(synthetic_gait.c3d(tmp_path, Walker(), readings=READINGS))
     compare(imported, plain)
     assert imported.impulse_mass == pytest.approx(plain.impulse_mass, rel=1e-4)
-    assert has_sentence(imported, "warnings", "plate 1 is 60.0 N on the empty plate, and the fore-aft load -15.0 N")
+    assert has_sentence(imported, "warnings", "plate 1 reads 60.0 N vertically and -15.0 N fore-aft")
     assert not has_sentence(imported, "warnings", "points down")
 
 
@@ -51,7 +51,7 @@ def test_fore_aft_reading_of_an_empty_plate_is_removed(tmp_path: Path) -> None:
     edit_columns(paths[1], lambda label, s: s + 20.0 if label.endswith("_vx") else s)
     imported = run_import(*paths)
     compare(imported, plain)
-    assert has_sentence(imported, "warnings", "plate 1 is 0.0 N on the empty plate, and the fore-aft load 20.0 N")
+    assert has_sentence(imported, "warnings", "plate 1 reads 0.0 N vertically and 20.0 N fore-aft")
 
 
 def turn_back(walker: Walker, side: str) -> np.ndarray:

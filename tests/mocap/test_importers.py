@@ -179,7 +179,7 @@ def test_tables_may_state_the_forward_tilt_of_the_pelvis(sign: int, zero: float,
         assert imported[name] == pytest.approx(expected[name]), name
     (entry,) = [e for e in log.channels if e["channel"] == "pelvis_tilt"]
     assert (entry["sign"], entry["zero"]) == (sign, sign * zero)
-    assert ("as specified" if zero else "people tilt the pelvis forward") in entry["reason"]
+    assert ("as specified" if zero else "people walk with the pelvis tilted forward") in entry["reason"]
 
 
 def test_mass_is_estimated_and_contradiction_is_reported(tmp_path: Path) -> None:
@@ -216,7 +216,7 @@ def test_plate_offset_is_removed_and_reported(tmp_path: Path) -> None:
     edit_columns(paths[1], lambda label, s: s + 12.0 * label.endswith("1_vy") - 8.0 * label.endswith("1_vx"))
     imported = reference_import.import_reference(paths, RAW)
     assert has_sentence(
-        imported, "warnings", "grf.mot: plate 1 is 12.0 N on the empty plate, and the fore-aft load -8.0 N"
+        imported, "warnings", "grf.mot: without load, plate 1 reads 12.0 N vertically and -8.0 N fore-aft"
     )
     assert imported.impulse_mass == pytest.approx(69.5, abs=0.3)
     forward, expected = (each.strides["right"][0].channels["grf_forward"] for each in (imported, clean))
@@ -227,7 +227,7 @@ def test_sentences_name_the_file_of_the_plates_not_the_first_of_the_trial(tmp_pa
     trc_path, grf = write_markers(tmp_path)
     edit_columns(grf, lambda label, s: s + 12.0 if label.endswith("1_vy") else s)
     imported = reference_import.import_reference([trc_path, grf], RAW)
-    assert has_sentence(imported, "warnings", f"{grf.name}: plate 1 is 12.0 N on the empty plate")
+    assert has_sentence(imported, "warnings", f"{grf.name}: without load, plate 1 reads 12.0 N vertically")
     files = {entry["channel"]: entry["file"] for entry in imported.log.channels}
     assert files["grf_forward"] == grf.name
     assert {e["column"] for e in imported.log.channels if e["channel"] == "grf_forward"} == {"force plates"}
@@ -376,5 +376,5 @@ def test_missing_strides_of_one_leg_are_explained(tmp_path: Path) -> None:
         "1 stride of the left leg incomplete and excluded: the heel strike after the one at 0.65 s is on no plate"
         in str(caught.value)
     )
-    assert "on the empty plate" not in str(caught.value)  # which concerns the right foot
+    assert "without load" not in str(caught.value)  # which concerns the right foot
     assert str(caught.value).endswith("; the right leg has 1 stride: pass --side right")

@@ -15,13 +15,16 @@ treadmill shake a plate by 10 to 30 N)."""
 LOW_PERCENTILE, HIGH_PERCENTILE = 1.0, 99.5
 """Percentiles of the vertical force that stand for an unloaded plate and for its largest load, without spikes
 (assumed)."""
-UNLOADED_FRACTION = 0.1
-"""Part of the range between them in which the plate is unloaded, and smallest fraction of the samples there
-(assumed)."""
+UNLOADED_RANGE_FRACTION = 0.1
+"""Fraction of the range between these percentiles, from its lower end, in which the plate is unloaded (assumed)."""
+MIN_UNLOADED_FRACTION = 0.1
+"""Smallest fraction of the samples without load that shows the offset of a plate (assumed)."""
 MAX_OFFSET_FRACTION = 0.2
 """Largest offset of a plate over its largest load (assumed); a larger one is the load of a person who stands."""
 MAX_FORWARD_OFFSET_FRACTION = 0.05
 """Largest fore-aft offset of a plate over its largest vertical load (assumed); a larger one is another column."""
+MAX_UNREPORTED_OFFSET = 3.0
+"""Largest offset of a plate [N] that is subtracted without a remark (assumed)."""
 
 
 class PlateOffset(NamedTuple):
@@ -39,8 +42,8 @@ def estimate_force_offset(vertical_force: Array) -> float:
     if len(known) == 0:
         return 0.0
     low, high = np.percentile(known, [LOW_PERCENTILE, HIGH_PERCENTILE])
-    unloaded = known[known < low + UNLOADED_FRACTION * (high - low)]
-    if len(unloaded) <= UNLOADED_FRACTION * len(known):
+    unloaded = known[known < low + UNLOADED_RANGE_FRACTION * (high - low)]
+    if len(unloaded) <= MIN_UNLOADED_FRACTION * len(known):
         return 0.0
     offset = float(np.median(unloaded))
     return offset if abs(offset) <= MAX_OFFSET_FRACTION * high else 0.0
@@ -62,7 +65,7 @@ def estimate_plate_offset(vertical_force: Array, forward_force: Array) -> PlateO
 def find_unloaded_samples(vertical_force: Array) -> Mask:
     """Return which samples of ``vertical_force`` [N] are readings of an unloaded plate; none if they are too few."""
     is_unloaded = ~find_loaded_samples(vertical_force) & np.isfinite(vertical_force)
-    is_sufficient = is_unloaded.sum() > UNLOADED_FRACTION * len(is_unloaded)
+    is_sufficient = is_unloaded.sum() > MIN_UNLOADED_FRACTION * len(is_unloaded)
     return is_unloaded if is_sufficient else np.zeros_like(is_unloaded)
 
 
@@ -82,6 +85,9 @@ def find_loaded_samples(vertical_force: Array, threshold: float = CONTACT_FORCE_
     return np.asarray(is_above & is_run_high[run])
 
 
-def interpolate_loaded(time: Array, load_time: Array, is_loaded: Mask) -> Mask:
-    """Return which of ``time`` [s] (n,) are closer to a loaded sample than to another; ``load_time`` [s] (m,)."""
+def interpolate_load_mask(time: Array, load_time: Array, is_loaded: Mask) -> Mask:
+    """Return which of ``time`` [s] (n,) are loaded: those whose nearest neighbour in ``load_time`` [s] (m,) is.
+
+    ``is_loaded`` (m,) belongs to ``load_time``.
+    """
     return np.asarray(np.interp(time, load_time, is_loaded) > 0.5)

@@ -11,7 +11,12 @@ import numpy as np
 from klute_sim.datasets import channels
 from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, get_measured_units, get_prescribed_units
 from klute_sim.datasets.column_mapping import NO_MAPPING, ColumnMapping
-from klute_sim.datasets.foot_load import estimate_plate_offset, find_loaded_samples, interpolate_loaded
+from klute_sim.datasets.foot_load import (
+    MAX_UNREPORTED_OFFSET,
+    estimate_plate_offset,
+    find_loaded_samples,
+    interpolate_load_mask,
+)
 from klute_sim.datasets.trial_files import table
 from klute_sim.datasets.trial_files.column_assignment import format_columns, states_unit
 from klute_sim.datasets.trial_files.table import Table
@@ -28,8 +33,6 @@ PRESSURE_CHANNEL = "pressure"
 """Measured channel that can stand for the command."""
 PLATE_FORCES = (channels.VERTICAL_FORCE, "grf_forward")
 """Prescribed channels of a force plate that may have an offset."""
-MAX_SILENT_OFFSET = 3.0
-"""Largest offset of a force plate [N] that no remark states (assumed)."""
 MIN_SAMPLES = 10
 """Minimum number of samples of a channel, not counting missing ones."""
 
@@ -195,14 +198,14 @@ def _make_zero_column(column: _Column) -> _Column:
 
 
 def _describe_pressures_without_supply(tables: Sequence[Table]) -> list[str]:
-    """Return a remark about each file with a column in a unit of pressure, for a device that has no supply."""
+    """Return a remark about the first column in a unit of pressure, for a device that has no supply; else none."""
     pressure_unit = get_prescribed_units("bench")[COMMAND_CHANNEL]
-    found = [(file, heading) for file in tables for heading in file.available if states_unit(heading, pressure_unit)]
+    columns = [(file, heading) for file in tables for heading in file.available if states_unit(heading, pressure_unit)]
     return [
         f"trial file {file.source}: the pressure in column '{heading}' is not simulated, because the device has no "
-        "[supply]; where a muscle or a seal feels it, add [supply] to the device file and "
-        f"{COMMAND_CHANNEL} to [columns], or no effect that depends on pressure can be found"
-        for file, heading in found[:1]
+        "[supply]; if it acts on a muscle or a seal, add [supply] to the device file and "
+        f"{COMMAND_CHANNEL} to [columns]; without them, no effect that depends on pressure can be found"
+        for file, heading in columns[:1]
     ]
 
 
@@ -306,7 +309,9 @@ def _check_foot_strike(cop: _Column, vertical: _Column) -> None:
 
 
 def _check_known_under_load(column: _Column, vertical_force: TimeSeries) -> None:
-    is_loaded = interpolate_loaded(column.series.time, vertical_force.time, find_loaded_samples(vertical_force.value))
+    is_loaded = interpolate_load_mask(
+        column.series.time, vertical_force.time, find_loaded_samples(vertical_force.value)
+    )
     is_missing = np.isnan(column.series.value) & is_loaded
     if is_missing.any():
         row = int(is_missing.argmax())
@@ -318,12 +323,12 @@ def _check_known_under_load(column: _Column, vertical_force: TimeSeries) -> None
 
 
 def _subtract_plate_offset(prescribed: dict[str, TimeSeries], source: str) -> list[str]:
-    """Subtract what the plate reads without load from its forces, and return a remark about a large offset."""
+    """Subtract the offset of the unloaded plate from its forces, and return a remark about a large one."""
     vertical, forward = (prescribed[name] for name in PLATE_FORCES)
     offset = estimate_plate_offset(vertical.value, np.interp(vertical.time, forward.time, forward.value))
     for name, series, force in zip(PLATE_FORCES, (vertical, forward), offset, strict=True):
         prescribed[name] = series._replace(value=series.value - force)
-    if max(map(abs, offset)) <= MAX_SILENT_OFFSET:
+    if max(map(abs, offset)) <= MAX_UNREPORTED_OFFSET:
         return []
     return [
         f"trial file {source}: without load the force plate reads {offset.vertical:.0f} N up and "

@@ -16,11 +16,12 @@ MIN_CONTACT_TIME = 0.15
 MIN_GAP_TIME = 0.08
 """Minimum duration of a gap between two contacts [s]; a shorter one is noise."""
 
-MIN_AIR_TIME = 0.2
+MIN_MISSING_SWING_TIME = 0.2
 """Minimum duration [s] of missing samples that are a swing (assumed)."""
-MAX_AIR_FRACTION = 0.3
-"""Largest force next to them, as a fraction of the peak (assumed: a few samples load the foot)."""
-MAX_EVENT_GAP = 0.03
+MAX_SWING_EDGE_FRACTION = 0.3
+"""Largest force next to the missing samples of a swing, as a fraction of the peak (assumed: at toe-off and heel strike
+it changes by so much within a few samples)."""
+MAX_EVENT_GAP_TIME = 0.03
 """Longest gap [s] in which a heel strike or toe-off is interpolated (assumed: its time is then known to 15 ms)."""
 
 
@@ -35,20 +36,22 @@ class Contact:
     has_foot_strike: bool
     """Whether the heel strike is in the recording; otherwise the foot was on the ground at its start or after a gap."""
     has_toe_off: bool
-    """Whether the toe-off is in the recording."""
+    """Whether the toe-off is in the recording; otherwise the foot was on the ground at its end or before a gap."""
 
 
 def fill_swings(time: Array, vertical_force: Array) -> Array:
     """Return ``vertical_force`` (n,) at ``time`` [s] with zeros in long gaps between small forces, and at the ends.
 
-    Some programs leave out what an unloaded plate reads.
+    Some programs leave out the samples of an unloaded plate.
     """
     missing = np.isnan(vertical_force)
     result = vertical_force.copy()
     for start, stop in find_runs(missing):
         neighbours = [k for k in (start - 1, stop) if 0 <= k < len(time)]
-        is_long = len(neighbours) == 1 or (len(neighbours) == 2 and time[stop] - time[start - 1] >= MIN_AIR_TIME)
-        if is_long and max(vertical_force[neighbours]) < MAX_AIR_FRACTION * np.nanmax(vertical_force):
+        is_long = len(neighbours) == 1 or (
+            len(neighbours) == 2 and time[stop] - time[start - 1] >= MIN_MISSING_SWING_TIME
+        )
+        if is_long and max(vertical_force[neighbours]) < MAX_SWING_EDGE_FRACTION * np.nanmax(vertical_force):
             result[start:stop] = 0.0
     return result
 
@@ -89,11 +92,14 @@ def find_contacts(time: Array, vertical_force: Array, threshold: float = CONTACT
 
 
 def _has_event(time: Array, known: NDArray[np.intp], position: int) -> bool:
-    """Return whether the time of an event before the known sample at ``position`` of ``known`` can be told."""
+    """Return whether an event just before the known sample at ``position`` of ``known`` has a time.
+
+    It has none at an end of the recording and in a gap longer than :data:`MAX_EVENT_GAP_TIME`.
+    """
     if not 0 < position < len(known):
         return False
     first, last = known[position - 1], known[position]
-    return bool(last - first == 1 or time[last] - time[first] <= MAX_EVENT_GAP)
+    return bool(last - first == 1 or time[last] - time[first] <= MAX_EVENT_GAP_TIME)
 
 
 def _interpolate_crossing(time: Array, values: Array, index: int, threshold: float) -> float:

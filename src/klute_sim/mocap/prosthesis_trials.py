@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from klute_sim.datasets.channels import MEASURED_CHANNELS
-from klute_sim.datasets.foot_load import find_loaded_samples, interpolate_loaded
+from klute_sim.datasets.foot_load import find_loaded_samples, interpolate_load_mask
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.gait.contacts import Contact, find_contacts
 from klute_sim.mocap.import_log import ImportLog
@@ -105,7 +105,7 @@ def _add_ground_reaction(
     if side not in kinematics.loads:
         log.add_missing(f"{trial_name}: no ground reaction of the {side} foot, which the replay needs")
         return None
-    load = loads.clean(kinematics.loads[side], f"the {side} foot's vertical load", options, log)
+    load = loads.preprocess_load(kinematics.loads[side], f"the plate of the {side} foot", options, log)
     contacts = find_contacts(load.time, load.vertical, options.contact_threshold)
     sign = conventions.detect_sign(channel_names.GRF_FORWARD, load.time, load.forward, contacts)
     if sign == -1 and kinematics.from_plates:
@@ -144,7 +144,7 @@ def _add_cop(
         )
         return False
     vertical = channels["grf_vertical"]
-    is_loaded = interpolate_loaded(cop.time, vertical.time, find_loaded_samples(vertical.value))
+    is_loaded = interpolate_load_mask(cop.time, vertical.time, find_loaded_samples(vertical.value))
     filled = filters.fill_gaps(np.where(is_loaded, cop.value, np.nan), cop.time)
     channels["cop_x"] = TimeSeries(cop.time, np.where(is_loaded, filled, np.nan))
     is_missing = np.isnan(filled[is_loaded])

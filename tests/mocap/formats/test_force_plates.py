@@ -82,7 +82,7 @@ def test_readings_of_the_empty_plate_are_subtracted_from_every_channel(plate_typ
     plate = make_plate(plate_type)
     readings = np.array([6.0, -9.0, 25.0, 12.0, -20.0, 5.0, 3.0, 8.0])[: len(plate.channels)]
     if plate_type == 1:
-        readings[3:] = 0.0  # an empty plate has no centre of pressure
+        readings[3:] = 0.0  # an unloaded plate has no centre of pressure
     check(replace(plate, channels=plate.channels + readings[:, None]))
 
 

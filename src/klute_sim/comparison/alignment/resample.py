@@ -23,7 +23,7 @@ MAX_MISSING_PHASE = 2.0
 MAX_EXTRAPOLATION = 1.5
 """Longest extrapolation beyond the outermost sample of a stride, in median sampling intervals; heel strikes fall
 between samples."""
-MAX_GAP = 10.0
+MAX_GAP_INTERVALS = 10.0
 """Longest gap that is interpolated, in median sampling intervals."""
 MAX_TIME_POINTS = 20_000
 """Largest number of points on a common time axis."""
@@ -138,7 +138,7 @@ def _interpolate(grid: Array, x: Array, y: Array, *, max_extrapolation: float) -
     result = np.interp(grid, x, y, left=np.nan, right=np.nan)
     interval = float(np.median(np.diff(x)))
     after = np.clip(np.searchsorted(x, grid, side="left"), 1, len(x) - 1)
-    in_gap = (x[after] - x[after - 1] > MAX_GAP * interval) & (grid != x[after]) & (grid != x[after - 1])
+    in_gap = (x[after] - x[after - 1] > MAX_GAP_INTERVALS * interval) & (grid != x[after]) & (grid != x[after - 1])
     result[in_gap] = np.nan
     for outside, near, far in ((grid < x[0], 0, 1), (grid > x[-1], -1, -2)):
         extrapolated = outside & (np.abs(grid - x[near]) < max_extrapolation * interval)

@@ -30,7 +30,7 @@ from klute_sim.laws import foot as law
 from klute_sim.laws.foot import Foot, FootInputs
 from klute_sim.types import Array
 
-MAX_GAP = 1.5
+MAX_GAP_INTERVALS = 1.5
 """Time between two samples, in sampling intervals, above which the series is divided there."""
 
 
@@ -144,7 +144,7 @@ def divide_walk(experiment: GaitExperiment, setup: SimulationSetup) -> Iterator[
     clock = experiment.measured["ankle_angle"].time
     interval = float(np.median(np.diff(clock)))
     clock = clock[np.all([has_sample_near(series.time, clock) for series in experiment.measured.values()], axis=0)]
-    for time in np.split(clock, 1 + np.flatnonzero(np.diff(clock) > MAX_GAP * interval)):
+    for time in np.split(clock, 1 + np.flatnonzero(np.diff(clock) > MAX_GAP_INTERVALS * interval)):
         if len(time) <= count_smoothed_samples(interval):
             continue
         yield WalkSegment(

@@ -11,7 +11,7 @@ than the limb, about a point at the height ``h``, the ankle lies ``h e`` further
 Accelerations are second derivatives of the motion after a zero-lag low-pass filter, as usual for markers (Winter,
 Biomechanics and Motor Control of Human Movement, 4th ed. 2009, section 3.4). They only move 0.8 kg of foot.
 
-While the foot is in the air nothing loads it, whatever noise the plate has.
+While the foot is in the air it has no load: what the plate reads then is noise.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD, MOTION_CHANNELS
-from klute_sim.datasets.foot_load import find_loaded_samples, interpolate_loaded
+from klute_sim.datasets.foot_load import find_loaded_samples, interpolate_load_mask
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.errors import InputError
 from klute_sim.gait.replay.rollout import ReplayInputs
@@ -111,7 +111,7 @@ def prepare_prescribed_motion(
         )
     vertical_force = np.where(is_loaded, vertical.value, 0.0)
     forward_force = np.where(is_loaded, np.interp(vertical.time, forward.time, forward.value), 0.0)
-    is_cop_loaded = interpolate_loaded(cop.time, vertical.time, is_loaded)
+    is_cop_loaded = interpolate_load_mask(cop.time, vertical.time, is_loaded)
     lever = _compute_lever(vertical.time, cop, motion["ankle_x"], is_cop_loaded, source)
     moment = -motion["ankle_z"](vertical.time) * forward_force - lever * vertical_force
     sine, cosine = np.sin(motion["shank_angle"](vertical.time)), np.cos(motion["shank_angle"](vertical.time))

@@ -136,7 +136,7 @@ def _convert_plates(
     for number, described in enumerate(metadata["plates"]):
         name, channels = f"{file_name}: force plate {number + 1}", arrays[f"channels{number}"]
         if not np.isfinite(channels).all():
-            raise InputError(f"{name} is not finite; its channels are damaged")
+            raise InputError(f"{name} has samples that are not finite; its channels are damaged")
         raw = RawPlate(
             plate_type=described["type"],
             channels=channels,

@@ -39,10 +39,10 @@ def extract_arrays(c3d: Any) -> dict[str, Any]:
 
 
 def _extract_plates(parameters: Any, analogs: Any) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Return type and units of each force plate, and the arrays that describe it, with its number at their names.
+    """Return type and units of each force plate, and its arrays, whose names end with the number of the plate.
 
-    The library would convert the channels, too, but it takes every moment for one in newtons times the length unit of
-    the markers, keeps the offsets of plates that were not zeroed, and refuses the whole file for a type it lacks.
+    The library could convert the channels, too, but it assumes that every moment is in newtons times the length unit
+    of the markers, keeps the offsets of plates that were not zeroed, and refuses a file with a plate of another type.
     """
     section = parameters.get("FORCE_PLATFORM", {})
     count = int(_get_values(section, "USED", 1)[0]) if "USED" in section else 0

@@ -1,7 +1,7 @@
 """Force plates of types 1 to 4 of C3D: force and centre of pressure in the laboratory frame from the raw channels.
 
-The reading of the empty plate is subtracted from every channel before the centre of pressure is computed: a plate that
-was not zeroed has offsets of the moments, too, and 20 N.m under a body of 70 kg move the centre by 30 mm.
+The readings of the unloaded plate are subtracted from the channels before the centre of pressure is computed: a plate
+that was not zeroed has offsets of the moments, too, and 20 N.m move the centre of pressure under 70 kg by 30 mm.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ class ForcePlate:
     cop: Array
     """Centre of pressure (n, 3) [m]; NaN while the plate is not loaded."""
     offset: Array
-    """Force (3,) [N] of the empty plate, which was subtracted."""
+    """Force (3,) [N] of the unloaded plate, which was subtracted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +68,13 @@ def convert(plate: RawPlate, time: Array, force_unit: float, length_unit: float,
     center = plate.corners.mean(axis=1)
     origin = -plate.origin if plate.origin[2] > 0.0 else plate.origin  # it is below the surface, z points down
     loads = _scale_channels(plate, force_unit, length_unit, name)
-    is_force = slice(0, 3) if plate.plate_type == 1 else slice(None)  # an empty plate of type 1 has no centre
+    is_force = (
+        slice(0, 3) if plate.plate_type == 1 else slice(None)
+    )  # channels 4 and 5 of type 1 are the centre of pressure
     vertical = loads[2] if plate.plate_type != 3 else loads[4:].sum(axis=0)
     sign = -1.0 if -vertical.min() > vertical.max() else 1.0
-    empty = find_unloaded_samples(sign * vertical)
-    readings = np.median(loads[:, empty], axis=1) if empty.any() else np.zeros(len(loads))
+    is_unloaded = find_unloaded_samples(sign * vertical)
+    readings = np.median(loads[:, is_unloaded], axis=1) if is_unloaded.any() else np.zeros(len(loads))
     loads[is_force] -= readings[is_force, None]
     force = _compute_force(plate.plate_type, loads)
     is_loaded = np.abs(force[2]) > MIN_COP_FORCE

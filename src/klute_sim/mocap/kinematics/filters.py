@@ -18,7 +18,7 @@ CUTOFF_CORRECTION = (2.0 ** (1.0 / N_PASSES) - 1.0) ** (1.0 / (2 * PASS_ORDER))
 Movement, 2.2)."""
 MIN_FILTERED_SAMPLES = 3 * (2 * PASS_ORDER + 1)
 """Number of samples by which the filter extends a signal at both ends, so that a part must have more."""
-MAX_GAP = 0.2
+MAX_GAP_TIME = 0.2
 """Longest gap [s] that is filled by linear interpolation (assumed)."""
 MAX_CLOCK_JITTER = 0.2
 """Largest deviation from uniform times, in sampling intervals, that counts as rounding."""
@@ -55,12 +55,12 @@ def low_pass(samples: Array, rate: float, cutoff: float) -> Array:
 
 
 def fill_gaps(samples: Array, time: Array) -> Array:
-    """Return ``samples`` (n, ...) at ``time`` [s] with gaps of up to :data:`MAX_GAP` interpolated linearly."""
+    """Return ``samples`` (n, ...) at ``time`` [s] with gaps of up to :data:`MAX_GAP_TIME` interpolated linearly."""
     result = np.array(samples, dtype=np.float64)
     for column in result.reshape(len(result), -1).T:
         known = np.flatnonzero(np.isfinite(column))
         for before, after in pairwise(known):
-            if after - before > 1 and time[after] - time[before] <= MAX_GAP:
+            if after - before > 1 and time[after] - time[before] <= MAX_GAP_TIME:
                 inner = slice(before + 1, after)
                 column[inner] = np.interp(time[inner], time[[before, after]], column[[before, after]])
     return result

@@ -32,7 +32,7 @@ MIN_PELVIS_TRAVEL = 0.5
 """Shortest distance [m] that the pelvis travels in overground walking; less is treadmill walking."""
 MIN_PELVIS_TILT = 2.0
 """Smallest median tilt of the pelvis [deg] that shows its sign; people walk with the pelvis tilted forward by about 10
-degrees (assumed: nobody tilts it backward by more than this)."""
+degrees (assumed: nobody walks with it tilted backward by more than this)."""
 LEG_COLUMNS = (
     *(name for name in channel_names.ANGLE_CHANNELS if name != channel_names.PELVIS_TILT),
     channel_names.ANKLE_MOMENT,
@@ -121,7 +121,7 @@ def _apply_tilt_sign(column: Column, log: ImportLog) -> Column:
     elif column.source.file_type == OPENSIM_STORAGE:
         sign, reason = 1, "backward positive, as in OpenSim"
     elif abs(median) >= MIN_PELVIS_TILT:
-        sign, reason = (-1 if median > 0.0 else 1), "people tilt the pelvis forward in walking"
+        sign, reason = (-1 if median > 0.0 else 1), "people walk with the pelvis tilted forward"
     else:
         sign, reason = 1, "backward positive, as in OpenSim; the tilt is too small to show it"
     zero = (spec and spec.zero) or 0.0

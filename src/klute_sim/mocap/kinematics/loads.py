@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from klute_sim.datasets.foot_load import PlateOffset, estimate_plate_offset
+from klute_sim.datasets.foot_load import MAX_UNREPORTED_OFFSET, PlateOffset, estimate_plate_offset
 from klute_sim.errors import InputError
-from klute_sim.gait.contacts import MAX_EVENT_GAP, Contact, fill_swings, find_contacts
+from klute_sim.gait.contacts import MAX_EVENT_GAP_TIME, Contact, fill_swings, find_contacts
 from klute_sim.mask_runs import find_runs
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics import filters
@@ -31,8 +31,6 @@ TYPICAL_CONTACT_TIME = 0.7
 """Duration [s] of a contact that the start or end of the recording truncates (assumed)."""
 MIN_KNEE_DIFFERENCE = 5.0
 """Smallest difference of the knees' mean flexion [deg] that identifies a foot; in walking it is near 30."""
-MAX_PLATE_OFFSET = 3.0
-"""Largest load of an empty plate [N] that is not reported."""
 COP_TOLERANCE = 1e-9
 """Largest difference between equal centres of pressure, in the unit of the file."""
 MAX_SHARED_COP_FRACTION = 0.2
@@ -40,6 +38,8 @@ MAX_SHARED_COP_FRACTION = 0.2
 third of a stride."""
 MIN_STEP_FORCE = 50.0
 """Smallest range of the force on a plate that somebody steps on [N] (assumed)."""
+DIRECTION_PERCENTILES = 0.5, 99.5
+"""Percentiles of a vertical force that stand for its extremes without spikes (assumed)."""
 CONTACT_MARGIN = 0.02
 """Time [s] before and after a contact in which loads below the threshold belong to it."""
 
@@ -192,39 +192,39 @@ def _orient_upward(force: Array, up: int, description: str, file_name: str, log:
 
 
 def _points_down(vertical: Array) -> bool:
-    """Return whether a ``vertical`` force (n,) [N] is largest downward; that of an empty plate does not count."""
+    """Return whether a ``vertical`` force (n,) [N] is largest downward; False on an unloaded plate."""
     known = vertical[np.isfinite(vertical)]
     if not len(known) or np.ptp(known) < MIN_STEP_FORCE:
         return False
-    low, high = np.percentile(known, [0.5, 99.5])
+    low, high = np.percentile(known, DIRECTION_PERCENTILES)
     return bool(-low > high)
 
 
-def clean(loads: GroundReaction, description: str, options: ImportOptions, log: ImportLog) -> GroundReaction:
-    """Return ``loads`` without the forces of the empty plate, and with gaps filled.
+def preprocess_load(loads: GroundReaction, description: str, options: ImportOptions, log: ImportLog) -> GroundReaction:
+    """Return ``loads`` without the offset of the plate, and with gaps filled; ``description`` names the plate.
 
-    Short gaps are interpolated, unless a heel strike or toe-off is somewhere in them; swings that the file leaves out
-    are zero. The other gaps remain.
+    Short gaps are interpolated, unless a heel strike or toe-off is somewhere in them; the load is zero in swings that
+    the file leaves out. The other gaps remain.
     """
     offset = estimate_plate_offset(loads.vertical, loads.forward)
     _warn_of_offset(offset, description, loads.file_name, log)
-    known = fill_swings(loads.time, loads.vertical - offset.vertical)
-    is_left_out = np.isnan(loads.vertical) & (known == 0.0)
-    vertical = filters.fill_gaps(known, loads.time)
-    for start, stop in find_runs(np.isnan(known)):
-        is_loaded = {bool(known[k] > options.contact_threshold) for k in (start - 1, stop) if 0 <= k < len(known)}
-        if len(is_loaded) == 2 and loads.time[stop] - loads.time[start - 1] > MAX_EVENT_GAP:
+    filled = fill_swings(loads.time, loads.vertical - offset.vertical)
+    is_left_out = np.isnan(loads.vertical) & (filled == 0.0)
+    vertical = filters.fill_gaps(filled, loads.time)
+    for start, stop in find_runs(np.isnan(filled)):
+        load_states = {bool(filled[k] > options.contact_threshold) for k in (start - 1, stop) if 0 <= k < len(filled)}
+        if len(load_states) == 2 and loads.time[stop] - loads.time[start - 1] > MAX_EVENT_GAP_TIME:
             vertical[start:stop] = np.nan
     forward = filters.fill_gaps(np.where(is_left_out, 0.0, loads.forward - offset.forward), loads.time)
     return replace(loads, vertical=vertical, forward=forward)
 
 
 def _warn_of_offset(offset: PlateOffset, description: str, file_name: str, log: ImportLog) -> None:
-    if max(map(abs, offset)) > MAX_PLATE_OFFSET:
+    if max(map(abs, offset)) > MAX_UNREPORTED_OFFSET:
         vertical, forward = (round(reading, 1) + 0.0 for reading in offset)  # zero removes the sign of a negative zero
         log.add_warning(
-            f"{file_name}: {description} is {vertical:.1f} N on the empty plate, and the fore-aft load "
-            f"{forward:.1f} N; this offset was removed"
+            f"{file_name}: without load, {description} reads {vertical:.1f} N vertically and {forward:.1f} N "
+            "fore-aft; this offset was subtracted"
         )
 
 
@@ -243,7 +243,7 @@ def assign_to_feet(
     """
     contacts_by_side: dict[Side, list[tuple[GroundReaction, float, float]]] = {side: [] for side in SIDES}
     for plate, raw_loads in plates.items():
-        loads = clean(raw_loads, plate, options, log)
+        loads = preprocess_load(raw_loads, plate, options, log)
         contacts = find_contacts(loads.time, loads.vertical, options.contact_threshold)
         feet = [_identify_foot(contact, time, knee_difference) for contact in contacts]
         for foot, contact in zip(feet, contacts, strict=True):

@@ -8,7 +8,7 @@ import numpy as np
 from klute_sim.gait.contacts import Contact, find_contacts
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics import filters
-from klute_sim.mocap.kinematics.loads import GroundReaction, clean
+from klute_sim.mocap.kinematics.loads import GroundReaction, preprocess_load
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_names, conventions
 from klute_sim.mocap.parsing.channel_lookup import HEADER_CONTRADICTION, Column
@@ -42,7 +42,7 @@ def resample_loads(
     loads: GroundReaction, time: Array, side: Side, options: ImportOptions, log: ImportLog
 ) -> ResampledLoads:
     """Return ``loads`` of the foot of ``side`` at ``time`` with standard signs, and the contacts."""
-    loads = clean(loads, f"the {side} foot's vertical load", options, log)
+    loads = preprocess_load(loads, f"the plate of the {side} foot", options, log)
     contacts = find_contacts(loads.time, loads.vertical, options.contact_threshold)
     rate = (len(loads.time) - 1) / (loads.time[-1] - loads.time[0])
     sign = conventions.detect_sign(channel_names.GRF_FORWARD, loads.time, loads.forward, contacts)
