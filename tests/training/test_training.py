@@ -82,7 +82,7 @@ def test_default_configuration_of_the_walk_is_valid(tmp_path: Path) -> None:
         (SMALL_CONFIG.replace(b"num_envs = 4", b"num_envs = 0"), "num_envs"),
         (SMALL_CONFIG.replace(b"strides = 1", b"sensor_delay = 1.0"), "sensor_delay = 1.0 is refused; allowed: a wh"),
         (SMALL_CONFIG.replace(b"strides = 1", b'slope = "steep"'), "slope = 'steep' is refused; allowed: a number"),
-        (SMALL_CONFIG.replace(b"strides = 1", b"device = 3"), "device = 3 is refused; allowed: a text"),
+        (SMALL_CONFIG.replace(b"strides = 1", b"device = 3"), "device = 3 is refused; allowed: a string"),
         (SMALL_CONFIG.replace(b"strides = 1", b"reward = 3"), "reward = 3 is refused; allowed: a table"),
         (SMALL_CONFIG.replace(b"strides = 1", b'profile = "a.csv"'), "the environment 'gait' takes no 'profile'"),
         (b"algorithm = ", "is not valid TOML"),

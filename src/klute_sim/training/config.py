@@ -18,14 +18,14 @@ from klute_sim.training.environments import TRAINING_ENVIRONMENTS, TrainingEnvir
 EXCLUDED_KEYWORDS = ("num_envs", "autoreset_mode", "max_episode_steps", "render_mode")
 """Keywords of the vector environment that a configuration cannot set."""
 TOML_TYPES: Mapping[Any, tuple[str, tuple[type, ...]]] = {
-    str: ("a text", (str,)),
+    str: ("a string", (str,)),
     int: ("a whole number", (int,)),
     float: ("a number", (float, int)),
     Collection: ("a list", (list,)),
     Sequence: ("a list", (list,)),
     Mapping: ("a table", (dict,)),
 }
-"""Type of a keyword -> its name in a sentence, and the types of the values in a file that it takes."""
+"""Type of a keyword -> words for it, and the types of TOML values that the keyword accepts."""
 
 
 class TrainingConfig(BaseModel):
@@ -157,7 +157,7 @@ def _check_types(env: str, values: Mapping[str, Any], source: str) -> None:
 
 
 def _collect_keyword_types(env: str) -> dict[str, list[Any]]:
-    """Return keyword -> its :data:`TOML_TYPES`, for the keywords of the environment ``env`` that a file can set."""
+    """Return keyword -> types among :data:`TOML_TYPES`, for the keywords of ``env`` that a file can set."""
     keyword_types = {}
     for name, annotation in get_type_hints(TRAINING_ENVIRONMENTS[env].make_envs.__init__).items():
         alternatives = [annotation, get_origin(annotation)]

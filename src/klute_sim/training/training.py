@@ -63,7 +63,7 @@ class Training:
         """Set up the training, from its checkpoint if there is one.
 
         Raises MissingExtraError without Stable-Baselines3, and InputError when its algorithm refuses a keyword, the
-        environment has no baseline for the evaluation, or the checkpoint cannot be read.
+        environment refuses the actions of its baseline, or the checkpoint cannot be read.
         """
         try:
             import stable_baselines3

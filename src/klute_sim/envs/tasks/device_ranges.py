@@ -19,7 +19,7 @@ GRID_SIZE = 5
 MAX_VARIATION_FRACTION = 0.5
 """Largest allowed relative deviation from a nominal value."""
 MAX_DRAWS = 100
-"""Number of draws after which ranges hold too few valid devices (assumed)."""
+"""Largest number of draws for one valid device (assumed)."""
 PARAMETER_FIELD = "actuator_user"
 """Field of the model with the device parameters."""
 
@@ -73,7 +73,7 @@ def check_fraction(name: str, fraction: Any) -> None:
 
 
 def _check_mapping(name: str, value: Any, allowed: str) -> None:
-    """Raise InputError unless ``value`` maps names to values; ``allowed`` describes them."""
+    """Raise InputError unless ``value`` is a mapping; ``allowed`` describes it."""
     if not isinstance(value, Mapping):
         raise InputError(f"domain_randomization has {name} = {value!r}; allowed: {allowed}")
 
@@ -123,8 +123,8 @@ def sample_device(
 ) -> tuple[DeviceParameters, dict[str, float]]:
     """Return the parameters of ``device`` with a number drawn from each of ``parameter_ranges``, and these numbers.
 
-    Numbers that do not go together, such as a bladder that is wider than its braid, are drawn again. Raises InputError
-    when :data:`MAX_DRAWS` draws in succession make no valid device.
+    Numbers that contradict each other, such as a bladder that is wider than its braid, are drawn again. Raises
+    InputError when :data:`MAX_DRAWS` draws in succession make no valid device.
     """
     for _ in range(MAX_DRAWS):
         numbers = {key: float(rng.uniform(*ends)) for key, ends in parameter_ranges.items()}
@@ -133,8 +133,8 @@ def sample_device(
         except InputError as error:
             reason = error
     raise InputError(
-        f"domain_randomization found no valid device in {MAX_DRAWS} draws ({reason}); allowed: ranges whose numbers go "
-        "together"
+        f"domain_randomization found no valid device in {MAX_DRAWS} draws ({reason}); allowed: ranges in which most "
+        "devices are valid"
     )
 
 
