@@ -36,7 +36,7 @@ MAX_CLOCK_ERROR = 0.01
 """Largest relative error of the interval between samples that clocks and rounded times have (assumed)."""
 
 SUPPLY_SPEEDS = "supply.rate_bar_per_s", "valve.fill_dm3_per_s_bar", "valve.exhaust_dm3_per_s_bar"
-"""Numbers to which the speed of a supply is proportional."""
+"""Numbers that are proportional to the speed of a supply."""
 
 
 def find_implausible(
@@ -161,9 +161,9 @@ def _describe_trial(trial: Trial, content: TrialChannels, rig: ChannelSource) ->
 
 
 def build_scaled_supply(device: Device) -> Callable[[float], Simulate] | None:
-    """Return a function of a factor, by which it multiplies the speed of the supply in the simulation of ``device``.
+    """Return a function that builds the simulation of ``device`` with its supply faster by a factor.
 
-    None without a supply.
+    Returns None for a device without a supply.
     """
     if device.spec.supply is None:
         return None
@@ -173,7 +173,7 @@ def build_scaled_supply(device: Device) -> Callable[[float], Simulate] | None:
     def scale_supply(factor: float) -> Simulate:
         try:
             return build_simulation(device.with_changes({name: factor * numbers[name] for name in names}))
-        except KluteSimError:  # no device file may state this speed
+        except KluteSimError:  # the schema of device files does not allow this speed
             return lambda dt, length, command: None
 
     return scale_supply

@@ -117,8 +117,7 @@ class EffectForm:
     states: tuple[str, ...] = ()
     """Names of the internal states, which the law at ``next_state`` advances."""
     candidate_sections: tuple[str, ...] = ()
-    """Sections of a device file without any of which a diagnosis does not propose this form, because it has no cause
-    there."""
+    """Sections that a device file must have for a diagnosis to propose this form: without them it has no cause."""
     find_flaw: Callable[[Any], str] | None = None
     """Function of ``p`` that returns why no part has these parameters, words that follow the name, or '' if parts have
     them. A diagnosis does not name such a part. None: parts have all parameters within the bounds."""

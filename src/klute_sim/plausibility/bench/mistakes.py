@@ -33,7 +33,7 @@ class Mistake(NamedTuple):
     evidence: tuple[str, ...] = MEASURED
     """Measured channels that have to agree better without the mistake."""
     rival: RecordedTrial | None = None
-    """The trial as it is with a device that may explain it as well; then the mistake is not confirmed."""
+    """The trial without the correction, with another device; if it agrees as well, the mistake is not confirmed."""
     label: str = ""
     """What distinguishes it from mistakes with findings of the same names, such as the unit."""
 
@@ -61,10 +61,10 @@ def list_mistakes(trial: RecordedTrial) -> Iterator[Mistake]:
 
 
 def _list_sampling_rates(trial: RecordedTrial) -> Iterator[Mistake]:
-    """Yield sampling rates that are wrong by a power of ten; every velocity and every lag tells them.
+    """Yield sampling rates that are wrong by a power of ten; every velocity and every lag shows them.
 
     The lag of the supply alone does not: a hose or a needle valve may be ten times as slow as the supply of the device
-    file, and then a muscle without a damper pulls as if all times were wrong.
+    file. The force of a muscle without a damper then has the course of a recording with wrong times.
     """
     if not trial.channels.keys() & {"force", "muscle_length"}:
         return

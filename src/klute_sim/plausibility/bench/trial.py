@@ -119,7 +119,7 @@ class RecordedTrial:
     specimen: str = ""
     """Specimen of the device; '' where none is named."""
     scale_supply: Callable[[float], Simulate] | None = None
-    """Multiplies the speed of the supply in the simulation of the device by a factor; None without a supply."""
+    """Builds the simulation of the device with its supply faster by a factor; None without a supply."""
     sources: Mapping[str, str] = field(default_factory=dict)
     """Channel -> columns that it is read from, and its unit: a mistake in these concerns all trials that share them."""
 

@@ -61,6 +61,10 @@ MAX_PELVIS_RANGE_DEG = 30.0
 MIN_LAG_PCT, MIN_EXCHANGED_LAG_PCT = 15, 35
 """Lags between angles and load [% of the stride] that show different clocks, and different feet (assumed; unusual gait,
 such as running, stays below 9)."""
+MIN_LAG_SCORE = 0.8
+"""Smallest similarity of the shifted angles to typical gait for a lag to be reported (assumed)."""
+MIN_REVERSED_SCORE = 0.7
+"""Smallest similarity of reversed curves to typical gait for a reversal to be reported (assumed)."""
 MAX_START_ERROR_PCT = 8
 """Largest distance of the heel strike from the start of the stride [%] (assumed; filtered forces rise early)."""
 MIN_REVERSAL_GAIN = 0.15
@@ -216,18 +220,18 @@ def _find_load_units(columns: Mapping[str, Array], place: str) -> list[Finding]:
 def _find_lag(
     curves: Mapping[str, Array], contact: shapes.ContactIntervals, typical: Mapping[str, Array], place: str
 ) -> list[Finding]:
-    """Return whether the angles are half a stride away from the load, or clearly earlier or later than it."""
+    """Return the finding on angles that are half a stride away from the load, or clearly earlier or later than it."""
     if len(contact.starts) != 1:
         return []
     lag, score = _measure_lag(curves, contact, typical)
-    if score >= 0.8 and abs(lag) >= MIN_EXCHANGED_LAG_PCT:
+    if score >= MIN_LAG_SCORE and abs(lag) >= MIN_EXCHANGED_LAG_PCT:
         statement = (
             f"the angles lag the load by {lag % shapes.N_PHASES} % of the stride: angles and load are of different "
             "feet (right and left exchanged)"
         )
         return [Finding("side-exchanged", place, statement)]
     lag, score = _measure_lag(_warp(curves), contact, typical)  # a short stance, as in running, is no lag
-    if score < 0.8 or abs(lag) < MIN_LAG_PCT or _is_reversed(curves, typical):
+    if score < MIN_LAG_SCORE or abs(lag) < MIN_LAG_PCT or _is_reversed(curves, typical):
         return []
     statement = (
         f"the angles are {abs(lag)} % of the stride {'later' if lag > 0 else 'earlier'} than the load: they have "
@@ -239,7 +243,7 @@ def _find_lag(
 def _measure_lag(
     curves: Mapping[str, Array], contact: shapes.ContactIntervals, typical: Mapping[str, Array]
 ) -> tuple[int, float]:
-    """Return by how much the angles are later than the load [% of the stride], and how typical they are then."""
+    """Return by how much the angles are later than the load [% of the stride], and their similarity to typical gait."""
     motion = {name: curves[name] for name in ("knee_flexion_deg", "shank_forward_deg", "hip_flexion_deg")}
     shift, score = shapes.find_best_shift(motion, typical)
     half = shapes.N_PHASES // 2
@@ -252,7 +256,7 @@ def _is_reversed(curves: Mapping[str, Array], typical: Mapping[str, Array]) -> b
     selected = {name: curves[name] for name in names}
     _, score = shapes.find_best_shift(selected, typical)
     _, reversed_score = shapes.find_best_shift(selected, typical, reverse=True)
-    return reversed_score > max(score + MIN_REVERSAL_GAIN, 0.7)
+    return reversed_score > max(score + MIN_REVERSAL_GAIN, MIN_REVERSED_SCORE)
 
 
 def _find_timing(

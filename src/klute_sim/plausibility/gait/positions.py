@@ -200,7 +200,7 @@ def check_progression(progression: float, channel: str, place: str) -> list[Find
         return []
     statement = (
         f"`{channel}` moves from the toe to the heel of the loaded foot, by {-100 * progression:.0f} cm: its direction "
-        "is reversed, or the corners of the force plate are in the wrong order; correct them"
+        "is reversed, or the corners of the force plate are in the wrong order; correct the one that is wrong"
     )
     return [Finding(f"{channel}-sign", place, statement)]
 
