@@ -42,11 +42,12 @@ def test_reason_tells_a_better_prediction_from_a_worse_one() -> None:
     assert reasons == {
         LAG: (
             "with choked_valve (downstream) the squared error of prediction changes by -99.9 %; the chosen model has "
-            "fewer effects, and leaves 1.3 % more of that error: too little, or too uncertain, for a further effect"
+            "fewer effects, and its squared error is larger by 1.3 % of that without added effects: too small or too "
+            "uncertain a gain for a further effect"
         ),
         DELAY: (
             "the squared error of prediction changes by -98.8 %; "
-            "it is not chosen again without one condition or another"
+            "too few of the selections without one condition choose it again"
         ),
         DROOP: "the squared error of prediction changes by -50 %; the chosen model predicts as well or better",
         HOSE: "the squared error of prediction changes by -40 %; hose has 'length_m' at its bound, 20",

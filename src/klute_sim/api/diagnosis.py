@@ -66,7 +66,7 @@ class IdentifiedEffect:
     part: str | None = None
     """Joint or pulley of a mechanism that has the effect; None for other effects."""
     specimen: str | None = None
-    """The only specimen whose number is wrong; None where that of all is."""
+    """The only specimen whose number is wrong; None where it is wrong for all."""
 
 
 @dataclass(frozen=True, repr=False)

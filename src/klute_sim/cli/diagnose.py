@@ -125,8 +125,20 @@ def command(
     from klute_sim.cli.console import stderr_console
 
     if draft:
-        others = (example, only, exclude, tolerances, predicted_folders, accept, catalogue, jobs, seed, out, no_report)
-        _write_draft(folder, device_name, is_alone=not (any(others) or as_json))
+        other_options = (
+            example,
+            only,
+            exclude,
+            tolerances,
+            predicted_folders,
+            accept,
+            catalogue,
+            jobs,
+            seed,
+            out,
+            no_report,
+        )
+        _write_draft(folder, device_name, is_alone=not (any(other_options) or as_json))
         return
     if catalogue is not None:
         from klute_sim.cli.effects import load_catalogue
@@ -147,7 +159,7 @@ def command(
     if tolerances:
         dataset = replace_tolerances(dataset, tolerances)
     predicted = [load_dataset(other, accept=accept) for other in predicted_folders]
-    for other in predicted:  # before a long fit
+    for other in predicted:  # before the diagnosis, which takes long
         check_predictable(dataset, other)
     for remark in (*dataset.remarks, *(remark for other in predicted for remark in other.remarks)):
         stderr_console().print(f"{remark}.", soft_wrap=True)
@@ -177,7 +189,7 @@ def command(
 
 
 def _predict(result: "DiagnosisResult", datasets: "Sequence[Dataset]", n_jobs: int) -> "Iterator[TransferPrediction]":
-    """Yield the prediction of each of ``datasets``; a remark says why the ``result`` cannot predict one."""
+    """Yield the prediction of each of ``datasets``; where ``result`` cannot predict one, print the reason instead."""
     from klute_sim.cli.console import stderr_console
     from klute_sim.errors import InputError
 

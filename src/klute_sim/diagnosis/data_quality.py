@@ -60,14 +60,14 @@ class UsableData(NamedTuple):
 
 
 class CleanData(NamedTuple):
-    """Experiments without the channels and samples that say nothing."""
+    """Experiments without the channels and samples that cannot be compared."""
 
     experiments: list[Experiment]
-    """All experiments."""
+    """All experiments, with their usable channels only."""
     examined: list[Experiment]
-    """Experiments that were compared with their repeats, before channels that contradict them were removed."""
+    """Experiments that were compared with their repeats, with the channels that contradict these."""
     residuals: Residuals
-    """Their residuals with the nominal device."""
+    """Residuals of the nominal device in the examined experiments."""
     remarks: list[str]
     """Sentences about excluded data."""
     blocking_problems: list[str]
@@ -102,19 +102,19 @@ def clean_data(
 ) -> CleanData:
     """Remove dead channels, copied commands, saturated samples and inconsistent repeats.
 
-    None is examined where no channel of the trials to fit is usable. A simulation that diverges raises SimulationError;
-    with ``may_diverge`` its trial is not compared with its repeats.
+    No experiment is examined where no channel of the trials to fit is usable. A simulation that diverges raises
+    SimulationError; with ``may_diverge`` its trial is not compared with its repeats instead.
     """
     seen = {e.name for e in experiments if e.use != "test"}
     uncompared = describe_uncompared_channels(dataset.trials, experiments)
-    experiments, floor = limit_forces_at_zero([t for t in dataset.trials if t.name in seen], experiments)
+    experiments, zero_limit = limit_forces_at_zero([t for t in dataset.trials if t.name in seen], experiments)
     for_fit = [e for e in experiments if e.use == "fit"]
     dead, saturated = find_faulty_channels(for_fit)
     usable = remove_channels(
         remove_saturated_samples(experiments, for_fit), pair_trials_with_channels(experiments, dead)
     )
     remarks = [f"{reason}; it is not used." for reason in dead.values()] + [f"{remark}." for remark in saturated]
-    remarks += [*uncompared, *filter(None, [floor])]
+    remarks += [*uncompared, *filter(None, [zero_limit])]
     copied, copied_remarks = _find_copied_channels(dataset, usable)
     usable, remarks = remove_channels(usable, copied), remarks + copied_remarks
 

@@ -84,10 +84,11 @@ def select_command_course(
     A delay of up to a sampling interval of the command may be a course of the command between its samples. ``linear``
     is the outcome with linear commands. Held ones are tried where they reduce the misfit of its device without effects,
     where it names a shift in time, and where it leaves a misfit of a pressure: a large effect, or a wrong rate of the
-    supply, can hide that they fit better. With linear commands, samples that
-    depend on their course count less. With held ones none does, so the two are compared with the weights of these.
-    Measured pressures that agree with held commands only decide, whatever is named beside them, and so do those that
-    agree with the names for held commands only.
+    supply, can hide that they fit better. With linear commands, samples that depend on their course have a smaller
+    weight. With held ones none has, so the two are compared with the weights of held commands.
+
+    Held commands are chosen, whatever is named, if the measured pressures agree with them and not with linear ones:
+    without any name, or with all names of either outcome, unless held commands need a further shift in time.
     """
     if not any(e.held_variant for e in linear.experiments if e.use == "fit" and e.measured):
         return linear, []

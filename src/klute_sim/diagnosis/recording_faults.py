@@ -33,7 +33,7 @@ MIN_PUSH, MAX_BUCKLED_FORCE, MAX_MEAN_BUCKLED_FORCE = 2.0, 4.0, 0.5
 """Smallest push of the simulated muscle, largest reading of a buckled one and largest mean of these readings, in
 standard deviations of the noise (assumed)."""
 MIN_BUCKLED_FRACTION = 0.95
-"""Fraction of the samples in which the simulated muscle pushes that have no larger readings (assumed)."""
+"""Among the samples in which the simulated muscle pushes, smallest fraction with no larger reading (assumed)."""
 MAX_LIMITED_FRACTION = 0.9
 """Largest fraction of the samples of a force that may end at zero (assumed; more would leave too few for a fit)."""
 MAX_ORDER_PROBABILITY = 0.02
@@ -96,10 +96,11 @@ def limit_forces_at_zero(trials: Sequence[Trial], experiments: Sequence[Experime
 def limit_buckled_forces(
     experiments: Sequence[Experiment], examined: Sequence[Experiment], residuals: Residuals, noise_std: float
 ) -> tuple[list[Experiment], str]:
-    """Return ``experiments`` whose force ends at zero if a muscle of ``examined`` buckles, and a sentence; '' if not.
+    """Return ``experiments`` with a lower limit of the force if a muscle of ``examined`` buckles, and a sentence.
 
-    A bare muscle between clamps buckles where the simulated one pushes. Its load cell reads zero and noise then, which
-    other effects imitate. ``residuals`` are those of the declared device, ``noise_std`` [N] is from the repeats.
+    The sentence is '' if none buckles. A bare muscle between clamps buckles where the simulated one pushes. Its load
+    cell reads only noise then, which other effects imitate. ``residuals`` are those of the declared device,
+    ``noise_std`` [N] is from the repeats.
     """
     known = [(e, row["force"]) for e, row in zip(examined, residuals, strict=True) if "force" in row]
     if not known or any("force" in e.limits for e in experiments):
@@ -115,9 +116,9 @@ def limit_buckled_forces(
         return list(experiments), ""
     limited = [e if "force" not in e.measured else _limit_force(e, SensorLimits(limit, math.inf)) for e in experiments]
     sentence = (
-        f"In {n_pushed} samples the simulated muscle pushes, and the measured one has no force: it buckles or its "
-        f"clamp is slack. Samples of 'force' below {limit:.3g} N therefore say only that the force is no larger. State "
-        "[limits] force if it ends elsewhere."
+        f"In {n_pushed} samples the simulated muscle pushes and the load cell reads zero: the muscle buckles, or its "
+        f"clamp is slack. So samples of 'force' below {limit:.3g} N are used as an upper limit of the force only. If "
+        "the readings of the load cell end at another force, state it under [limits]."
     )
     return limited, sentence
 
@@ -146,7 +147,7 @@ def suspect_absolute_pressures(trials: Sequence[Trial], fit: Fit) -> str:
 
     Both pressures and their difference agree with the device then, and only the tension lacks the work of one
     atmosphere, exactly as with a constant threshold. The parameter of that effect is the threshold of a bladder of
-    another diameter.
+    :data:`REFERENCE_DIAMETER`, so it is scaled to the diameter of the muscle.
     """
     thresholds = [
         value * REFERENCE_DIAMETER / _get_diameter(trials, fit, parameter.term_index)
@@ -171,7 +172,7 @@ def suspect_absolute_pressures(trials: Sequence[Trial], fit: Fit) -> str:
 
 
 def _get_diameter(trials: Sequence[Trial], fit: Fit, term_index: int) -> float:
-    """Return the outer diameter [m] of the bladder with the term of ``fit``."""
+    """Return the outer diameter [m] of the bladder that has the term of ``fit`` at ``term_index``."""
     tendon = fit.hypothesis.terms[term_index].tendon
     device = trials[0].devices[tendon] if tendon else fit.hypothesis.device
     return 2.0 * device.parameters.muscle.bladder_radius

@@ -6,6 +6,7 @@ import numpy as np
 
 from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.imperfect_law import FOLD_WORDS
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, SelectionStep
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult, compare_errors
@@ -113,8 +114,8 @@ def _explain_choice(model: PredictiveModel, prediction: PredictiveResult) -> str
     if not difference > 0.0:
         return "the chosen model predicts as well or better"
     if len(model.terms) <= len(chosen.terms):
-        return f"it is not chosen again without one {prediction.fold_kind} or another"
+        return f"too few of the selections without one {FOLD_WORDS[prediction.fold_kind]} choose it again"
     return (
-        f"the chosen model has fewer effects, and leaves {100.0 * difference:.2g} % more of that error: too little, or "
-        "too uncertain, for a further effect"
+        f"the chosen model has fewer effects, and its squared error is larger by {100.0 * difference:.2g} % of that "
+        "without added effects: too small or too uncertain a gain for a further effect"
     )

@@ -27,7 +27,7 @@ MAX_COMMAND_RATIO = 1.02
 
 
 def describe_tested_candidates(only: Sequence[str], exclude: Sequence[str]) -> list[str]:
-    """Return a sentence about the candidates that the user chose by name or excluded; none without such names."""
+    """Return a sentence about the candidates that the user selected or excluded by name; none without such names."""
     clauses = [f"only {', '.join(only)} may be named"] if only else []
     clauses += [f"{', '.join(exclude)} may not be named"] if exclude else []
     if not clauses:

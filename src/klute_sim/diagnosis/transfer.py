@@ -28,12 +28,13 @@ from klute_sim.types import Array
 def check_predictable(first: Dataset, other: Dataset) -> None:
     """Raise InputError where no diagnosis of ``first`` can predict ``other``.
 
-    The rigs differ, or the device or the mechanism of ``other`` lacks a number that ``first`` declares uncertain.
+    This is so where the rigs differ, or where the device or the mechanism of ``other`` lacks a number that ``first``
+    declares uncertain.
     """
     if other.rig != first.rig:
         raise InputError(
-            f"dataset '{_name(other)}' was recorded on rig '{other.rig}', but the diagnosis is of rig '{first.rig}'; "
-            "allowed: the same rig"
+            f"dataset '{_get_name(other)}' was recorded on rig '{other.rig}', but the diagnosis is of rig "
+            f"'{first.rig}'; allowed: the same rig"
         )
     _check_numbers(first.uncertainties, other)
 
@@ -45,8 +46,8 @@ def _check_numbers(names: Iterable[str], dataset: Dataset) -> None:
         if name not in known:
             owner = "mechanism" if is_model_number(name) or DEVICE_SEPARATOR in name else "device"
             raise InputError(
-                f"the {owner} of dataset '{_name(dataset)}' has no number '{name}', which is fitted in the diagnosis; "
-                f"declare a {owner} with the same sections and names"
+                f"the {owner} of dataset '{_get_name(dataset)}' has no number '{name}', which is fitted in the "
+                f"diagnosis; declare a {owner} with the same sections and names"
             )
 
 
@@ -54,7 +55,7 @@ def _collect_mechanism_numbers(dataset: Dataset) -> dict[str, float]:
     return {} if dataset.mechanism is None else dataset.mechanism.collect_nominal_numbers()
 
 
-def _name(dataset: Dataset) -> str:
+def _get_name(dataset: Dataset) -> str:
     return dataset.folder.resolve().name
 
 
@@ -66,7 +67,7 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
     the muscle's diameter changes with the ratio of the bladder radii. Faults of instruments and errors of the
     registration belong to the first set-up and stay there.
 
-    Dead, copied, contradicted and saturated data are not compared, in trials of any use.
+    Dead, copied, contradicted and saturated data are not compared. Trials are predicted whatever their ``use``.
 
     Raises InputError when nothing was fitted, the rigs differ, the other device lacks a fitted number or has an added
     effect already, or no channel is usable.
@@ -81,7 +82,7 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
     nominal = Hypothesis(dataset.device, (), ())
     base_hypothesis, base_x = _detach_setup(diagnosis.base_fit, dataset)
     final_hypothesis, final_x = _detach_setup(diagnosis.final_fit, dataset)
-    if not diagnosis.added_terms:  # the final fit is the same one, but finer
+    if not diagnosis.added_terms:  # the final fit is the base fit with smaller tolerances
         base_x = final_x
     _check_effects(final_hypothesis, dataset)
     ratio = _compute_diameter_ratio(diagnosis.dataset, dataset)
@@ -96,7 +97,7 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
         clean = clean_data(dataset, experiments, simulator, may_diverge=True)
         experiments = [e for e in clean.experiments if e.measured]
         if not experiments:
-            raise InputError(f"dataset '{_name(dataset)}' cannot be predicted: {' '.join(clean.remarks)}")
+            raise InputError(f"dataset '{_get_name(dataset)}' cannot be predicted: {' '.join(clean.remarks)}")
         residuals = [
             WeightedData(simulator, experiments, {}).compute_residuals(hypothesis, [x], may_diverge=True)[0]
             for hypothesis, x in candidates
@@ -111,7 +112,7 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
         ]
         channels[channel] = ChannelPrediction(rms[0], rms[1], rms[2], _compute_range(experiments, channel))
     return TransferPrediction(
-        dataset_name=_name(dataset),
+        dataset_name=_get_name(dataset),
         channels=channels,
         numbers=_list_numbers(diagnosis, dataset, final_hypothesis, final_x, scaled_x, ratio),
         trials=tuple(
@@ -136,8 +137,8 @@ def _check_effects(hypothesis: Hypothesis, dataset: Dataset) -> None:
         for tendon, device in devices.items():
             if term.tendon in (None, tendon) and term.effect in device.spec.effects:
                 raise InputError(
-                    f"the device '{device.name}' of dataset '{_name(dataset)}' has effect '{term.effect}' already, "
-                    "which the prediction adds; remove it from the device file"
+                    f"the device '{device.name}' of dataset '{_get_name(dataset)}' has effect '{term.effect}' already, "
+                    "which the prediction would add; remove it from the device file"
                 )
 
 

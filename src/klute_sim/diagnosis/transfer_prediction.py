@@ -99,8 +99,8 @@ class TransferPrediction:
         errors = self._compute_errors()
         if (1.0 - MIN_DIFFERENCE) * max(errors.values()) <= min(errors.values()):
             return "none is better"
-        changes = any(p.with_effects != p.refitted for p in self.channels.values())
-        return f"best: {self.recommended if changes or self.recommended == 'as-declared' else 'refitted'}"
+        names_effects = any(p.with_effects != p.refitted for p in self.channels.values())
+        return f"best: {self.recommended if names_effects or self.recommended == 'as-declared' else 'refitted'}"
 
     def _compute_errors(self) -> dict[RecommendedDevice, float]:
         """Return the error of each device over all channels, relative to their ranges."""
@@ -112,7 +112,7 @@ class TransferPrediction:
 
     @property
     def warnings(self) -> list[str]:
-        """Remarks, then sentences for each channel that less of what was found predicts better, or nothing predicts."""
+        """Remarks, and a sentence for each channel that another device predicts better, or that needs the effects."""
         sentences = [f"'{self.dataset_name}': {remark}" for remark in self.remarks]
         for channel, p in self.channels.items():
             errors = p.by_device
@@ -131,7 +131,7 @@ class TransferPrediction:
                 ]
                 advice = f"What was found does not hold there; use {DEVICE_WORDS[self.recommended]} there."
                 if self.recommended == "with-effects":
-                    advice = "Over all channels, what was found predicts best nevertheless."
+                    advice = "Over all channels, the device with the added effects is still the best."
                 sentences.append(
                     f"On '{self.dataset_name}' {DEVICE_WORDS[best]} predicts {channel} best: it misses by "
                     f"{texts[best]}, {', '.join(others)}. {advice}"

@@ -138,7 +138,7 @@ def _list_fitted_numbers(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
 
 
 def _list_owners(term: EffectTerm) -> dict[str, str]:
-    """Return what alone has the effect of ``term``, of a mechanism or of several specimens; empty where all have it."""
+    """Return tendon, part or specimen with the effect of ``term``; empty where all tendons and specimens have it."""
     owners = {"tendon": term.tendon, "part": term.part, "specimen": term.specimen}
     return {key: owner for key, owner in owners.items() if owner is not None}
 

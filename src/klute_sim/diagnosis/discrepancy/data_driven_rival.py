@@ -125,8 +125,9 @@ def find_rival_of_number(
 ) -> RivalOfNumber | None:
     """Return the rival of names that are only numbers, one of them wrong by an implausible amount.
 
-    Returns None where all numbers are off by at most :data:`MAX_NUMBER_SIGMAS` plausible errors, or may be as large as
-    they like, or where no data-driven term represents the misfit. ``exclude`` names effects that are not candidates.
+    Returns None where all numbers are off by at most :data:`MAX_NUMBER_SIGMAS` plausible errors, not counting increases
+    of :data:`KEYS_WITHOUT_UPPER_LIMIT`, or where no data-driven term represents the misfit. ``exclude`` names effects
+    that are not candidates.
     """
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if not names or not all(term.number for term in names):

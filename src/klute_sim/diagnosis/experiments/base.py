@@ -28,7 +28,7 @@ WARM_UP_FRACTION, MAX_WARM_UP_TIME = 0.1, 0.5
 """Fraction of a trial, and longest time [s], that is simulated but not compared. The internal state of friction before
 the trial is unknown; the first movements erase it."""
 MIN_SERIES_SAMPLES = 2
-"""Fewest samples of a channel that have a sampling interval."""
+"""Smallest number of samples of a channel that is compared: fewer have no sampling interval."""
 COARSE_STEP_FACTOR = 2
 """Time steps that a coarse simulation merges into one. Its derivatives are accurate to within a fifth, and its error
 relative to the normal time step is subtracted."""

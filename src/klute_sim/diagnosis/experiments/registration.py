@@ -23,7 +23,7 @@ REGISTRATION_PREFIX = "registration."
 class Registration(NamedTuple):
     """Corrections of the registration in SI units; 0 where the set-up is right.
 
-    Each is added to what was measured, except that the zero is subtracted from the angle, and the delay from the times
+    Each is added to what was measured, except two: the zero is subtracted from the angle, and the delay from the times
     of the plate.
     """
 
@@ -34,7 +34,7 @@ class Registration(NamedTuple):
     plate_gain: float = 0.0
     """Relative correction of all forces of the plate."""
     ankle_zero: float = 0.0
-    """Measured angle of a neutral ankle, through its zero or the inclination of the shank that it refers to [rad]."""
+    """Measured angle of a neutral ankle [rad]: the error of the angle's zero, or of the shank inclination in it."""
     plate_delay: float = 0.0
     """Time by which the plate is late against motion and device [s]."""
 

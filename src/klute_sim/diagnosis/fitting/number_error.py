@@ -51,13 +51,13 @@ PLAUSIBLE_ERRORS = {
     "tendon.slack_length_mm": PlausibleError(2.0, 0.0, "assumed: assembly, knots and crosshead zero"),
     "tendon.engagement_mm": PlausibleError(0.5, 0.0, "assumed: assembly"),
     "mounting.neutral_muscle_ratio": PlausibleError(0.01, 0.0, "assumed: assembly, a few millimetres"),
-    "supply.rate_bar_per_s": PlausibleError(relative=2.0, source="assumed: regulators differ several times"),
+    "supply.rate_bar_per_s": PlausibleError(relative=2.0, source="assumed: regulators differ by several times"),
     "supply.gas_temperature_c": PlausibleError(3.0, 0.0, "assumed: a room over a day"),
     "supply.dead_volume_cm3": PlausibleError(relative=0.5, source="assumed: tubes and fittings, rarely measured"),
 }
 """``section.key`` -> plausible error; :data:`DEFAULT_PLAUSIBLE_ERROR` for other keys."""
 KEYS_WITHOUT_UPPER_LIMIT = frozenset({"supply.rate_bar_per_s"})
-"""Numbers whose upper bound is a value like others: a supply as fast as that explains what a faster one does."""
+"""Numbers that may be named at their upper bound: beyond it, a faster supply changes nothing in the data."""
 _DRY_FRICTION = PlausibleError(relative=0.5, source="assumed: depends on load and wear")
 MODEL_PLAUSIBLE_ERRORS = {
     ("joint", "damping"): PlausibleError(relative=0.5, source="assumed: depends on grease and temperature"),

@@ -42,12 +42,12 @@ class MisfitRegion(NamedTuple):
 
 
 class _Split(NamedTuple):
-    """Samples on one side of a split."""
+    """One side of a split of the samples."""
 
     contrast: float
     """Fraction of the squared misfit minus fraction of the samples."""
     condition: str
-    """Condition without its threshold: of two splits with the same one, the second contains the first."""
+    """Covariate and side, without the threshold; of successive splits with the same one, the last says all."""
     description: str
     samples: Mask
 

@@ -67,7 +67,7 @@ def propose_joint_experiment(
 
 
 def _read_settings(data: WeightedData) -> ProtocolSettings:
-    """Return mean pressure and largest difference of the commands of ``data``, within the range of these."""
+    """Return mean pressure and largest difference of the commands of ``data``; both stay within their range."""
     rows = [
         np.stack(list(e.inputs.values()))[:, :: max(1, len(e.command) // 1000)]
         for e in data.experiments

@@ -47,9 +47,9 @@ Effects that no command distinguishes
 -------------------------------------
 Some effects look alike under every command. A change of the rig distinguishes them:
 {rig_changes}
-Give a trial from another rig its own group. Put the readings of an instrument that is checked, or a second one, into
-the column of its channel, and write trusted = ["{checked}"] into the [[trial]]. Numbers of the device that differ go
-under [trial.device].
+Give a trial from another rig its own group. If an instrument was calibrated, or replaced by a second one, write its
+readings into the column of its channel and trusted = ["{checked}"] into the [[trial]]. Write the numbers of the device
+that differ under [trial.device].
 
 Then run, in this folder: klute-sim diagnose .
 """

@@ -31,8 +31,8 @@ SPECIMEN_NUMBERS = (
     "tendon.slack_length_mm",
 )
 """Numbers that may be wrong for one specimen only (assumed: those that are made or measured specimen by specimen)."""
-RIG_OF_KIND: Mapping[str, tuple[RigName, str]] = {"body": ("gait", "in gait"), "mechanism": ("mjcf", "on a mechanism")}
-"""Kind of an effect that one rig alone can show -> this rig, and where that is."""
+RIG_BY_KIND: Mapping[str, tuple[RigName, str]] = {"body": ("gait", "in gait"), "mechanism": ("mjcf", "on a mechanism")}
+"""Kind of an effect that only one rig can show -> this rig, and words for it."""
 
 
 def check_effect_names(dataset: Dataset, only: Sequence[str], exclude: Sequence[str]) -> None:
@@ -53,9 +53,12 @@ def check_effect_names(dataset: Dataset, only: Sequence[str], exclude: Sequence[
             raise InputError(
                 f"'{name}' is not a candidate effect: it is data-driven, and fitted where no effect explains the data"
             )
-        rig, place = RIG_OF_KIND.get(catalogue.get_effects()[name].kind, (dataset.rig, ""))
+        rig, place = RIG_BY_KIND.get(catalogue.get_effects()[name].kind, (dataset.rig, ""))
         if dataset.rig != rig:
-            raise InputError(f"effect '{name}' acts {place} only, and these data are of rig = '{dataset.rig}'")
+            raise InputError(
+                f"effect '{name}' acts {place} only, and these data are of rig = '{dataset.rig}'; remove it from the "
+                "names to test"
+            )
         obstacles = [_explain_obstacle(name, device) for device in [*devices.values()] or [dataset.device]]
         if all(obstacles):
             raise InputError(obstacles[0])
@@ -95,11 +98,11 @@ def list_candidate_terms(
 
     Numbers that may be wrong follow, those that are declared uncertain among them: they may be wrong by more than that
     (:func:`list_contradicted_numbers`). ``only`` and ``exclude`` are names of effects or numbers, or of an effect on
-    one channel, number or tendon (``sensor_gain@force``). Raises InputError for such a name without a candidate, and
-    for any name in ``only`` without one.
+    one channel, number or tendon (``sensor_gain@force``). Raises InputError for a name with ``@``, and for any name in
+    ``only``, without a candidate.
     """
     terms = _list_all_terms(data, dataset)
-    # Quantisation and the numbers of single specimens are judged apart.
+    # The user may also name terms that are tested elsewhere: quantisation, and numbers of single specimens.
     nameable = [*terms, *map(make_quantization_term, data.noise)]
     if dataset.rig == "bench":
         nameable += list_specimen_numbers(data.experiments, dataset.device)
@@ -111,7 +114,7 @@ def list_candidate_terms(
         if not any(_is_among(term, {name}) for term in nameable):
             raise InputError(
                 f"'{name}' is no candidate for these data: no part or channel of them can show it, or the device has "
-                "it, or it is fitted, already; remove it from the names to test"
+                "it already, or it is fitted already; remove it from the names to test"
             )
     return select_by_name(terms, only, exclude)
 

@@ -113,8 +113,8 @@ def find_numbers_at_limit(fit: Fit) -> list[str]:
 def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter, float]]:
     """Yield term, parameter and normalized bound of each parameter of a term that is at its bound.
 
-    A limit of physics, such as the exponent of an isothermal change or a bladder on its braid, is a value like others,
-    and so is a supply too fast for the data to show how fast.
+    A limit of physics, such as the exponent of an isothermal change or a bladder as wide as its braid, is a value like
+    others. So is the upper bound of the rate of a supply: the data do not show how much faster it is.
     """
     hypothesis = fit.hypothesis
     for index, bound in fit.find_bounds_reached().items():
@@ -128,14 +128,15 @@ def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter
 
 
 def _list_admissible_limits(hypothesis: Hypothesis, term: EffectTerm, parameter: FitParameter) -> tuple[float, ...]:
-    """Return the limits of ``parameter`` of ``term`` that are values like others, in its unit."""
+    """Return the limits at which ``parameter`` of ``term`` may be named, in its unit."""
     if not term.number:
         return next((p.physical_limits for p in term.parameters if p.key == parameter.name), ())
     values = {**hypothesis.device.spec.collect_values(), parameter.name: parameter.initial}
-    tested = parameter.initial - BOUND_SIGMAS * parameter.scale, parameter.initial + BOUND_SIGMAS * parameter.scale
-    limits = limit_to_valid(values, parameter.name, *tested)
-    unlimited = (parameter.upper,) if term.number in KEYS_WITHOUT_UPPER_LIMIT else ()
-    return (*unlimited, *(limit for limit in limits if limit not in tested))
+    half_range = BOUND_SIGMAS * parameter.scale
+    bounds = parameter.initial - half_range, parameter.initial + half_range
+    valid_limits = limit_to_valid(values, parameter.name, *bounds)
+    upper_bounds = (parameter.upper,) if term.number in KEYS_WITHOUT_UPPER_LIMIT else ()
+    return (*upper_bounds, *(limit for limit in valid_limits if limit not in bounds))
 
 
 def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, values: list[float]) -> bool:

@@ -31,8 +31,8 @@ MIN_FAULT_SHARE = 0.5
 contradicts what was measured or calibrated. In three recorded benchmark verdicts such a term took 0.31, 0.32 and 0.52
 beside an effect, and was wrong each time)."""
 MAX_DOMINATED_RATIO = 2.0
-"""Error of prediction over that of another model, above which a model that predicts no fold better is not as good
-(assumed: models of an imperfect law that are better in all folds by so much are not so by chance)."""
+"""Largest error of prediction, over that of another model, of a model that is as good although it predicts no fold
+better (assumed: where a model of an imperfect law is better in all folds by so much, this is not chance)."""
 FOLD_TOLERANCE = 0.1
 """Fraction of the error of a fold by which a model may be better there and still count as no better (assumed)."""
 MIN_STABILITY = 0.8
@@ -306,7 +306,7 @@ def is_as_good(model: PredictiveModel, best: PredictiveModel, folds: NDArray[np.
     """Return whether ``model`` predicts ``folds`` (all by default) within one standard error as well as ``best``.
 
     Where one fold shows nearly all of an effect, the standard error is as large as the difference, whatever its size.
-    So a model that predicts no fold better is not as good above :data:`MAX_DOMINATED_RATIO` times the error.
+    So a model that predicts no fold better is not as good if its error is larger by :data:`MAX_DOMINATED_RATIO`.
     """
     selected = np.arange(len(best.errors)) if folds is None else folds
     errors, best_errors = model.errors[selected], best.errors[selected]

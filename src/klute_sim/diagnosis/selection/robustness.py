@@ -107,8 +107,8 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
     The BIC of such a model lags by no more than the threshold, or by no more than :data:`MAX_GAIN_LAG_FRACTION` of what
     the replaced term gains while its repeats show no misfit either: an effect that is not in the catalogue may be as
     close to both. The replacement must pass the acceptance tests of the selection, including validation. It must be
-    nameable, if need be from the values of ``best_fit``: where its refined fit has a parameter at a bound, a simpler
-    form takes its place or none does.
+    nameable: where its refined fit has a parameter at a bound, it is fitted again from the values of ``best_fit``, and
+    then a simpler form takes its place or none does.
     """
     data, best_bic = search.data, best_fit.bic(search.data.n_effective)
     models: list[EquivalentModel] = []
@@ -139,11 +139,11 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
 def _restart_at(data: WeightedData, rival: Fit, best_fit: Fit) -> Fit:
     """Return ``rival`` refitted from the values of ``best_fit`` for the parameters that both have.
 
-    A value that the data do not determine ends anywhere, also at its bound, which is then no flaw of the rival.
+    A fit may leave a value that the data do not determine at its bound. This is no fault of the rival.
     """
     known = dict(zip(_identify_parameters(best_fit.hypothesis), best_fit.x, strict=True))
     keys = _identify_parameters(rival.hypothesis)
-    start = np.array([known.get(key, own) for key, own in zip(keys, rival.x, strict=True)])
+    start = np.array([known.get(key, x) for key, x in zip(keys, rival.x, strict=True)])
     return fit_hypothesis(data, rival.hypothesis, start)
 
 

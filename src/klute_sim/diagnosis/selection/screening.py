@@ -69,10 +69,10 @@ def screen_candidates(
     ``report_divergence`` receives each term with which a simulation diverges; it is no candidate.
 
     The fitted parameters imitate an effect in linear approximation only. An effect that they imitate for the most part
-    is probed again at its typical size, with the fitted parameters shifted accordingly. A friction that stops a joint
-    tells nothing of a small one, and a threshold above the pressure nothing of a low one, so effects that are predicted
-    to be small are probed again at that size. Where numbers of the device deviate far from their priors, the missing
-    effect may be the reason, so effects are also probed at the priors.
+    is probed again at its typical size, with the fitted parameters shifted accordingly. The response to a friction that
+    stops a joint does not show that to a small one, nor does a threshold above the pressure show that of a low one. So
+    effects that are predicted to be small are probed again at that size. Where numbers of the device deviate far from
+    their priors, the missing effect may be the reason, so effects are also probed at the priors.
     """
     n_known, n_device = len(current.x), current.hypothesis.n_prior_parameters
     current_point = _LinearizationPoint(current.x, current.weighted_residuals, current.jacobian)
