@@ -185,7 +185,7 @@ def compare_errors(model: PredictiveModel, base: PredictiveModel) -> float | Non
 def compute_share(base: PredictiveModel, chosen: PredictiveModel, noise: float) -> float:
     """Return the share of the error of ``base`` above ``noise`` that ``chosen`` takes.
 
-    Folds in which ``base`` diverges have no finite error and tell nothing of the size of an effect.
+    Folds in which ``base`` diverges have no finite error and do not show the size of an effect.
     """
     is_predicted = np.isfinite(base.errors)
     if not is_predicted.any():
