@@ -165,7 +165,7 @@ def test_effect_that_the_other_device_has_is_not_added_again(
     diagnosis: Diagnosis, true_device: Device, tmp_path: Path
 ) -> None:
     folder = write_muscles(tmp_path / "with_effect", true_device, (0.2,), "")
-    with pytest.raises(InputError, match="has effect 'passive_tension' already, which the prediction adds; remove it"):
+    with pytest.raises(InputError, match="has effect 'passive_tension' already, which the prediction would add"):
         predict_dataset(diagnosis, load_dataset(folder, true_device))
 
 
@@ -199,7 +199,7 @@ def test_channel_that_is_predicted_worse_does_not_contradict_the_advice() -> Non
     assert prediction.recommended == "with-effects"
     (warning,) = prediction.warnings
     assert "the device as declared predicts force best" in warning
-    assert warning.endswith("Over all channels, what was found predicts best nevertheless.")
+    assert warning.endswith("Over all channels, the device with the added effects is still the best.")
 
 
 def test_diverging_prediction_is_a_warning() -> None:
