@@ -18,15 +18,12 @@ from klute_sim.types import ProgressCallback
 
 TIME_SHIFTS = frozenset({"clock_skew", "pressure_delay"})
 """Effects that shift a channel or the command in time, as another course of the command between its samples does."""
-
-
-MAX_LEFT_FRACTION = 0.5
+MAX_HELD_RESIDUAL_FRACTION = 0.5
 """Part of the mean square that linear commands leave in pressures without repeats, which held ones may leave
 (assumed)."""
-MAX_LEFT_RATIO = 1.1
+MAX_HELD_RESIDUAL_RATIO = 1.1
 """Mean square that held commands alone may leave there, over that of linear ones with all names (assumed)."""
-
-MAX_SHIFT_REMAINDER = 0.1
+MAX_LOST_SHIFT_FRACTION = 0.1
 """Part of what a shift in time gains by which held commands without it may explain less (assumed: a delay can be
 adjusted, and follows a step that is not exactly at a sample better than a held command does)."""
 HELD_REMARK = (
@@ -101,7 +98,9 @@ def select_command_course(
     held = search_model(experiments)
     difference = linear.compute_bic(_copy_weights(linear.data, held.data)) - held.compute_bic(held.data)
     has_further_shift = held.n_time_shifts > linear.n_time_shifts
-    if _explains_pressure(linear, held) or (not has_further_shift and _completes_pressure(linear, held)):
+    if _is_pressure_explained_by_course(linear, held) or (
+        not has_further_shift and _is_pressure_explained_by_names(linear, held)
+    ):
         return held, [f"{HELD_REMARK}, and the measured pressure agrees with held ones only."]
     # What the course of the command explains as well needs no name, a shift in time least of all.
     if has_further_shift or held.selected.verdict == "unexplained" != linear.selected.verdict:
@@ -113,13 +112,14 @@ def select_command_course(
         return linear, []
     min_difference = (-1.0 if has_fewer_names else 1.0) * linear.search.bic_threshold
     if has_fewer_names and held.n_time_shifts < linear.n_time_shifts:
-        min_difference = min(min_difference, -MAX_SHIFT_REMAINDER * linear.compute_shift_gain())
+        min_difference = min(min_difference, -MAX_LOST_SHIFT_FRACTION * linear.compute_shift_gain())
     if not difference > min_difference:
         return linear, []
-    return held, [f"{HELD_REMARK}, and with them BIC changes by {difference:+.0f}."]
+    more_names = " and more names" if difference < 0.0 else ""
+    return held, [f"{HELD_REMARK}, and with them{more_names} BIC changes by {difference:+.0f}."]
 
 
-def _explains_pressure(linear: Outcome, held: Outcome) -> bool:
+def _is_pressure_explained_by_course(linear: Outcome, held: Outcome) -> bool:
     """Return whether held commands alone leave no misfit of the measured pressures, and linear ones do.
 
     The law of the muscle is not in a pressure, so that it decides where an imperfect law leaves a misfit of the force
@@ -130,16 +130,16 @@ def _explains_pressure(linear: Outcome, held: Outcome) -> bool:
         return False
     if not has_repeats(held.data.experiments):
         left = _compute_mean_square(held.data, held.base_fit, noise)
-        is_far_less = left < MAX_LEFT_FRACTION * _compute_mean_square(linear.data, linear.base_fit, noise)
-        return is_far_less and left <= MAX_LEFT_RATIO * _compute_mean_square(
+        is_far_less = left < MAX_HELD_RESIDUAL_FRACTION * _compute_mean_square(linear.data, linear.base_fit, noise)
+        return is_far_less and left <= MAX_HELD_RESIDUAL_RATIO * _compute_mean_square(
             linear.data, linear.selected.final_fit, noise
         )
     is_left = _has_misfit(held.data, held.base_fit)
     return not is_left and _has_misfit(_copy_weights(linear.data, held.data), linear.base_fit)
 
 
-def _completes_pressure(linear: Outcome, held: Outcome) -> bool:
-    """Return whether all names leave a misfit of the measured pressures with linear commands only."""
+def _is_pressure_explained_by_names(linear: Outcome, held: Outcome) -> bool:
+    """Return whether the names explain the measured pressures with held commands, and not with linear ones."""
     return _has_misfit(linear.data, linear.selected.final_fit) and not _has_misfit(held.data, held.selected.final_fit)
 
 
