@@ -73,8 +73,9 @@ def test_model_that_is_far_worse_in_one_fold_and_better_in_none_is_not_as_good()
     base = make_model((), [20.0, 0.1, 0.1, 0.1, 0.1, 0.1])
     assert not is_as_good(delay, lag)
     assert choose_model([base, lag, delay], ALL) is lag
-    assert is_as_good(make_model((TAPER,), [9.0, 0.05, 0.1, 0.1, 0.1, 0.1]), lag)  # better in another fold
-    assert is_as_good(make_model((TAPER,), [0.6, 0.1, 0.1, 0.1, 0.1, 0.1]), lag)  # not far worse
+    assert not is_as_good(make_model((TAPER,), [9.0, 0.05, 0.1, 0.1, 0.1, 0.1]), lag)  # hardly better in another fold
+    assert is_as_good(make_model((TAPER,), [30.0] + [0.05] * 5), make_model((FRICTION,), [1.0] * 6))  # clearly better
+    assert is_as_good(make_model((TAPER,), [0.9, 0.1, 0.1, 0.1, 0.1, 0.1]), lag)  # not far worse
     assert choose_model([base, lag, delay], np.arange(1, 6)) is base
 
 

@@ -30,11 +30,11 @@ MIN_FAULT_SHARE = 0.5
 """The same share of a further term that is a wrong number or a fault of an instrument (assumed: unlike an effect, it
 contradicts what was measured or calibrated. In three recorded benchmark verdicts such a term took 0.31, 0.32 and 0.52
 beside an effect, and was wrong each time)."""
-MAX_DOMINATED_RATIO = 2.0
-"""Largest error of prediction, over that of another model, of a model that is as good although it predicts no fold
-better (assumed: where a model of an imperfect law is better in all folds by so much, this is not chance)."""
-FOLD_TOLERANCE = 0.1
-"""Fraction of the error of a fold by which a model may be better there and still count as no better (assumed)."""
+MAX_ERROR_RATIO = 4.0
+"""Largest error of prediction, over that of another model, of a model that is as good although it predicts hardly any
+fold better (assumed: where a model of an imperfect law is better by so much, this is not chance)."""
+MAX_GAIN_FRACTION = 0.1
+"""Part of what such a model loses in the other folds that it may gain in some (assumed)."""
 MIN_STABILITY = 0.8
 """Fraction of the selections without one fold in which an effect must be chosen again."""
 
@@ -306,13 +306,13 @@ def is_as_good(model: PredictiveModel, best: PredictiveModel, folds: NDArray[np.
     """Return whether ``model`` predicts ``folds`` (all by default) within one standard error as well as ``best``.
 
     Where one fold shows nearly all of an effect, the standard error is as large as the difference, whatever its size.
-    So a model that predicts no fold better is not as good if its error is larger by :data:`MAX_DOMINATED_RATIO`.
+    So a model that predicts hardly any fold better is not as good above :data:`MAX_ERROR_RATIO` times the error.
     """
     selected = np.arange(len(best.errors)) if folds is None else folds
     errors, best_errors = model.errors[selected], best.errors[selected]
     differences = errors - best_errors
-    is_nowhere_better = bool((differences >= -FOLD_TOLERANCE * best_errors).all())
-    if is_nowhere_better and errors.sum() > MAX_DOMINATED_RATIO * best_errors.sum():
+    losses, gains = np.maximum(differences, 0.0).sum(), np.maximum(-differences, 0.0).sum()
+    if errors.sum() > MAX_ERROR_RATIO * best_errors.sum() and gains <= MAX_GAIN_FRACTION * losses:
         return False
     standard_error = float(differences.std(ddof=1)) / np.sqrt(len(differences)) if len(differences) > 1 else 0.0
     return float(differences.mean()) <= standard_error
