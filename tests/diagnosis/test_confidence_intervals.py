@@ -15,6 +15,7 @@ from klute_sim.diagnosis.fitting.confidence_intervals import (
     ChannelInfluence,
     combine_degrees_of_freedom,
     compute_confidence_intervals,
+    convert_reciprocal_errors,
     estimate_block_variances,
     estimate_spectral_variances,
     place_noise,
@@ -152,3 +153,25 @@ def test_degrees_of_freedom_add_up_over_components(parts: int, freedom: float) -
     assert min(result) >= freedom
     assert combine_degrees_of_freedom(samples[0], np.full(parts, freedom), exact_variance=1e6) > 1e6
     assert combine_degrees_of_freedom(np.zeros(3), np.ones(3)) == np.inf
+
+
+@pytest.mark.parametrize("half_width", [1e-4, 1.0, 5.0, 6.0, np.inf])
+def test_interval_of_a_rate_is_symmetric_in_its_reciprocal(half_width: float) -> None:
+    """Linear errors of a rate that is too large for the data reach beyond 0; those of a duration do not."""
+    names = "muscle.turns_per_m", "supply.rate_bar_per_s"
+    terms = tuple(EffectTerm("number_error", "value", number=name) for name in names)
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), (), terms)
+    fit = Fit(hypothesis, np.array([0.5, 4.5]), np.zeros(1), np.ones((1, 2)), True, [])
+    converted = convert_reciprocal_errors(fit, np.full(2, half_width))
+    if not np.isfinite(half_width):
+        assert converted == {}
+        return
+    ((index, (lower, upper)),) = converted.items()
+    assert index == 1
+    rate, scale = fit.values[1], hypothesis.parameters[1].scale
+    assert 0.0 < rate - lower * scale < rate
+    if half_width * scale >= rate:
+        assert upper == np.inf
+        return
+    assert 1.0 / (rate - lower * scale) - 1.0 / rate == pytest.approx(1.0 / rate - 1.0 / (rate + upper * scale))
+    assert lower == pytest.approx(half_width, rel=2.0 * half_width * scale / rate)

@@ -9,6 +9,7 @@ import pytest
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
 from klute_sim.datasets.trial import TimeSeries
+from klute_sim.device.device import load_device
 from klute_sim.diagnosis import held_commands, workflow
 from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
@@ -285,6 +286,24 @@ def test_delay_of_held_commands_is_known_to_one_sampling_interval(tmp_path: Path
     assert [term.effect for term in diagnosis.added_terms] == ["pressure_delay"]
     assert diagnosis.final_fit is not None
     assert 0.0198 < diagnosis.final_fit.values[-1] < 0.0202 + INTERVAL_S
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("holds_command", "factor"), [(True, 4.0), (False, 10.0)])
+def test_supply_many_times_as_fast_as_declared_is_named(holds_command: bool, factor: float, tmp_path: Path) -> None:
+    """While its rate is wrong, straight lines between the samples of a held command explain its steps better."""
+    nominal = load_device("klute-3-4-pair").parameters
+    fast = nominal._replace(supply=nominal.supply._replace(max_pressure_rate=factor * nominal.supply.max_pressure_rate))
+    hidden = {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}
+    diagnosis = workflow.diagnose(
+        load_dataset(write_dataset(tmp_path / "d", hidden, base=fast, holds_command=holds_command))
+    )
+    assert diagnosis.verdict in ("identified", "identified-in-part")
+    assert {term.number or term.effect for term in diagnosis.added_terms} == {
+        "supply.rate_bar_per_s",
+        "braid_hysteresis",
+    }
+    assert any("held until" in reason for reason in diagnosis.reasons) == holds_command
 
 
 @pytest.mark.slow

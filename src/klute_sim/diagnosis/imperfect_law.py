@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.fitting.confidence_intervals import convert_reciprocal_errors
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
 from klute_sim.diagnosis.noise.repeats import Residuals
@@ -191,11 +192,14 @@ def compute_jackknife_intervals(model: PredictiveModel) -> list[tuple[float, flo
     curvature = np.maximum(0.0, np.diag(np.linalg.pinv(fit.jacobian.T @ fit.jacobian)))
     half_widths = student_t.ppf(0.5 + 0.5 * CONFIDENCE_LEVEL, n_folds - 1) * np.sqrt(np.maximum(jackknife, curvature))
     half_widths[~np.any(fit.jacobian, axis=0)] = np.inf  # a parameter without influence may have any value
+    distances = np.stack([half_widths, half_widths], axis=1)
+    for k, both in convert_reciprocal_errors(fit, half_widths).items():
+        distances[k] = both
     lower, upper = fit.hypothesis.bounds()
     ends = zip(
         fit.hypothesis.parameters,
-        np.clip(fit.x - half_widths, lower, upper),
-        np.clip(fit.x + half_widths, lower, upper),
+        np.clip(fit.x - distances[:, 0], lower, upper),
+        np.clip(fit.x + distances[:, 1], lower, upper),
         strict=True,
     )
     intervals = [

@@ -5,9 +5,11 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 from scipy.stats import t as student_t
 
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, compute_jacobian
+from klute_sim.diagnosis.fitting.number_error import KEYS_WITHOUT_UPPER_LIMIT
 from klute_sim.diagnosis.fitting.profile_likelihood import Point, ResidualFunction, find_profile_limits
 from klute_sim.diagnosis.fitting.systematic_error import (
     CONFIDENCE_LEVEL,
@@ -20,6 +22,9 @@ from klute_sim.types import Array
 
 NOISE_BLOCK_TIME = 0.5
 """Time [s] within which heteroscedastic noise may be correlated (assumed)."""
+
+N_BISECTIONS = 8
+"""Number of bisections for the lower end of a rate: it is known to 1/256 of its difference from the declared one."""
 
 
 class ChannelInfluence(NamedTuple):
@@ -59,19 +64,20 @@ def compute_confidence_intervals(
     pseudoinverse: Array = np.asarray(np.linalg.pinv(fit.jacobian), float)
     noise_errors = compute_noise_errors(data, fit, pseudoinverse)
     errors = np.stack([noise_errors, noise_errors], axis=1)
+    profile_errors = np.zeros_like(errors)
     of_effects = [
         k
         for k, parameter in enumerate(fit.hypothesis.parameters)
         if parameter.term_index is not None and (profiled is None or k in profiled)
     ]
     if of_effects and not fit.has_diverged:
-        limits = find_profile_limits(
+        profile_errors[of_effects] = find_profile_limits(
             _make_residual_function(data, fit),
             Point(fit.x, fit.weighted_residuals, fit.jacobian),
             lambda weights: float(compute_noise_errors(data, fit, weights[np.newaxis])[0]),
             of_effects,
         )
-        errors[of_effects] = np.maximum(errors[of_effects], limits)
+        errors = np.maximum(errors, profile_errors)
     # A parameter without influence may have any value in its bounds.
     is_idle = ~np.any(fit.jacobian, axis=0)
     to_bounds = np.abs(np.stack(fit.hypothesis.bounds(), axis=1) - fit.x[:, np.newaxis])
@@ -82,6 +88,13 @@ def compute_confidence_intervals(
     ]
     systematic_variances = sum((error**2 for error in systematic_errors), np.zeros(len(errors)))
     errors = np.sqrt(errors**2 + systematic_variances[:, np.newaxis])
+    # The linear error of a supply that is too fast for the data is larger than its rate.
+    linear_errors = np.sqrt(noise_errors**2 + systematic_variances)
+    for k, distances in convert_reciprocal_errors(fit, linear_errors).items():
+        if not is_idle[k]:
+            errors[k] = np.maximum(distances, np.sqrt(profile_errors[k] ** 2 + systematic_variances[k]))
+        elif fit.x[k] > 0.0:
+            errors[k, 0] = fit.x[k] - _find_slowest_rate(_make_residual_function(data, fit), fit, k)
     lower, upper = fit.hypothesis.bounds()
     intervals = [
         (parameter.denormalize(low), parameter.denormalize(high))
@@ -93,6 +106,40 @@ def compute_confidence_intervals(
         )
     ]
     return [(min(ends), max(ends)) for ends in intervals]
+
+
+def convert_reciprocal_errors(fit: Fit, half_widths: Array) -> dict[int, tuple[float, float]]:
+    """Return index -> distances of both ends of the interval from each fitted rate of a supply, normalized.
+
+    The pressure depends on the duration of its changes, the reciprocal of the rate v. So an interval of half width h
+    becomes one that is symmetric in 1/v: v/(1 + h/v) to v/(1 - h/v), without an upper end from h = v on. A rate without
+    influence (h infinite) is left out.
+    """
+    distances = {}
+    for k, parameter in enumerate(fit.hypothesis.parameters):
+        rate = parameter.denormalize(float(fit.x[k]))
+        if parameter.name in KEYS_WITHOUT_UPPER_LIMIT and rate > 0.0 and np.isfinite(half_widths[k]):
+            ratio = half_widths[k] * parameter.scale / rate
+            upper = half_widths[k] / (1.0 - ratio) if ratio < 1.0 else np.inf
+            distances[k] = (float(half_widths[k] / (1.0 + ratio)), float(upper))
+    return distances
+
+
+def _find_slowest_rate(function: ResidualFunction, fit: Fit, index: int) -> float:
+    """Return the lowest rate that explains the data as well as that of ``fit``, which has no influence; normalized.
+
+    Bisection between the declared rate and that of ``fit``, where chi squared rises by its 95 % quantile.
+    """
+    slow, fast, max_chi2 = 0.0, float(fit.x[index]), fit.chi2 + float(chi2.ppf(CONFIDENCE_LEVEL, 1))
+    for _ in range(N_BISECTIONS):
+        x = fit.x.copy()
+        x[index] = 0.5 * (slow + fast)
+        (residuals,) = function.evaluate([x])
+        if residuals @ residuals <= max_chi2:
+            fast = x[index]
+        else:
+            slow = x[index]
+    return fast
 
 
 def compute_noise_errors(data: WeightedData, fit: Fit, pseudoinverse: Array) -> Array:
