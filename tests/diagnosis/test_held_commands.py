@@ -1,8 +1,9 @@
 """Commands that a controller holds from sample to sample: they are no delay of the device."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -129,6 +130,25 @@ def make_outcome(
     )
 
 
+def replace_computations(monkeypatch: pytest.MonkeyPatch, *, chi2: float, has_repeats: bool = True) -> None:
+    """Replace what needs trials, which the stand-ins of outcomes lack; the residual of a fit is the rms of its misfit.
+
+    ``chi2`` is that of held commands.
+    """
+    monkeypatch.setattr(held_commands, "has_repeats", lambda experiments: has_repeats)
+    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: chi2)
+    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
+
+    def estimate(experiments: Any, rms: float, noise: Mapping[str, Noise]) -> dict[str, Misfit]:
+        return {channel: Misfit(rms, 9.0, 400.0) for channel in noise} if has_repeats else {}
+
+    monkeypatch.setattr(held_commands, "estimate_misfit", estimate)
+
+
+def select_course(linear: Any, held: Any) -> tuple[Any, list[str]]:
+    return held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
+
+
 @pytest.mark.parametrize(
     ("linear", "held", "is_held"),
     [
@@ -164,9 +184,8 @@ def make_outcome(
 def test_held_command_is_taken_where_it_explains_the_data_better(
     linear: Any, held: Any, is_held: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: 0.0)
-    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
-    outcome, remarks = held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
+    replace_computations(monkeypatch, chi2=0.0, has_repeats=False)
+    outcome, remarks = select_course(linear, held)
     assert outcome is (held if is_held else linear)
     assert len(remarks) == is_held
 
@@ -190,13 +209,8 @@ def test_pressure_decides_where_the_law_of_the_muscle_is_imperfect(
     for outcome, rms in ((linear, linear_misfit), (held, held_misfit)):
         outcome.data.experiments, outcome.data.noise = [], {"pressure": None, "force": None}
         outcome.data.compute_residuals = lambda hypothesis, points, rms=rms: [rms]
-    monkeypatch.setattr(held_commands, "has_repeats", lambda experiments: True)
-    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: 0.0)
-    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
-    monkeypatch.setattr(
-        held_commands, "estimate_misfit", lambda experiments, rms, noise: {c: Misfit(rms, 9.0, 400.0) for c in noise}
-    )
-    outcome, remarks = held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
+    replace_computations(monkeypatch, chi2=0.0)
+    outcome, remarks = select_course(linear, held)
     assert outcome is (held if is_held else linear)
     assert [remark.endswith("agrees with held ones only.") for remark in remarks] == [True] * is_held
 
@@ -220,13 +234,8 @@ def test_held_command_completes_the_names_of_a_pressure(
         outcome.base_fit.x, outcome.selected.final_fit.x = 0.1e5, rms
         outcome.data.experiments, outcome.data.noise = [], {"pressure": Noise(2.0, ())}
         outcome.data.compute_residuals = lambda hypothesis, points: points
-    monkeypatch.setattr(held_commands, "has_repeats", lambda experiments: True)
-    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: 2.0)
-    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
-    monkeypatch.setattr(
-        held_commands, "estimate_misfit", lambda experiments, rms, noise: {c: Misfit(rms, 9.0, 400.0) for c in noise}
-    )
-    outcome, _ = held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
+    replace_computations(monkeypatch, chi2=2.0)
+    outcome, _ = select_course(linear, held)
     assert outcome is (held if is_held else linear)
 
 
@@ -251,9 +260,8 @@ def test_pressure_without_repeats_decides_by_what_is_left(
         outcome.data.compute_residuals = lambda hypothesis, points: [
             [{"pressure": np.full(9, 2.0 * rms), "force": np.ones(9)}] for rms in points
         ]
-    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: 0.0)
-    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
-    outcome, _ = held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
+    replace_computations(monkeypatch, chi2=0.0, has_repeats=False)
+    outcome, _ = select_course(linear, held)
     assert outcome is (held if is_held else linear)
 
 
@@ -263,13 +271,28 @@ def test_held_command_is_tried_for_a_shift_that_a_large_effect_hides(
 ) -> None:
     linear, held = make_outcome(names), make_outcome("supply_droop", bic=-90.0)
     searches: list[Any] = []
-    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: 2.0)  # more than 1.0 of the linear commands
-    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
+    replace_computations(monkeypatch, chi2=2.0)  # more than 1.0 of the linear commands
     outcome, _ = held_commands.select_command_course(
         linear, lambda trials: searches.append(trials) or held, lambda fraction, stage: None
     )
     assert len(searches) == is_tried
     assert outcome is (held if is_tried else linear)
+
+
+def test_gain_of_shifts_is_what_is_lost_without_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    def make_fit(*names: str, bic: float) -> Any:
+        hypothesis = SimpleNamespace(terms=tuple(SimpleNamespace(effect=name) for name in names))
+        return SimpleNamespace(hypothesis=hypothesis, bic=lambda n_effective: bic)
+
+    final = make_fit("clock_skew", "leak", "pressure_delay", bic=100.0)
+    reduced = {
+        "clock_skew": make_fit("leak", "pressure_delay", bic=130.0),
+        "pressure_delay": make_fit("leak", bic=175.0),
+    }
+    monkeypatch.setattr(held_commands, "refit_without_term", lambda data, fit, term: reduced[term.effect])
+    data, selected = SimpleNamespace(n_effective=100.0), SimpleNamespace(final_fit=final)
+    outcome = held_commands.Outcome([], *[cast(Any, value) for value in (data, None, None, selected)], [])
+    assert outcome.compute_shift_gain() == 75.0
 
 
 @pytest.mark.slow
