@@ -68,9 +68,8 @@ def convert(plate: RawPlate, time: Array, force_unit: float, length_unit: float,
     center = plate.corners.mean(axis=1)
     origin = -plate.origin if plate.origin[2] > 0.0 else plate.origin  # it is below the surface, z points down
     loads = _scale_channels(plate, force_unit, length_unit, name)
-    is_force = (
-        slice(0, 3) if plate.plate_type == 1 else slice(None)
-    )  # channels 4 and 5 of type 1 are the centre of pressure
+    # Channels 4 and 5 of a plate of type 1 are the centre of pressure.
+    is_force = slice(0, 3) if plate.plate_type == 1 else slice(None)
     vertical = loads[2] if plate.plate_type != 3 else loads[4:].sum(axis=0)
     sign = -1.0 if -vertical.min() > vertical.max() else 1.0
     is_unloaded = find_unloaded_samples(sign * vertical)
