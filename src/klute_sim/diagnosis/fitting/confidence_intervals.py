@@ -128,7 +128,8 @@ def convert_reciprocal_errors(fit: Fit, half_widths: Array) -> dict[int, tuple[f
 def _find_slowest_rate(function: ResidualFunction, fit: Fit, index: int) -> float:
     """Return the lowest rate that explains the data as well as that of ``fit``, which has no influence; normalized.
 
-    Bisection between the declared rate and that of ``fit``, where chi squared rises by its 95 % quantile.
+    Bisection between the declared rate and that of ``fit``, for a rise of chi squared by its 95 % quantile. The other
+    parameters keep their values: near the lowest rate, a slower supply is a misfit of a few steps only (assumed).
     """
     slow, fast, max_chi2 = 0.0, float(fit.x[index]), fit.chi2 + float(chi2.ppf(CONFIDENCE_LEVEL, 1))
     for _ in range(N_BISECTIONS):
