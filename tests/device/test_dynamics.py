@@ -14,6 +14,7 @@ from klute_sim.device.device import load_device
 from klute_sim.device.dynamics import DeviceParameters, DeviceState
 from klute_sim.device.energy.ledger import POWER_TERMS, EnergyBalance, EnergyRecorder
 from klute_sim.device.energy.outputs import compute_stop_force
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.effects import catalogue
 from klute_sim.laws import mckibben, pneumatic_step
 from klute_sim.laws import tendon as tendon_law
@@ -303,3 +304,14 @@ def test_dead_time_is_that_of_the_valve_and_of_sound_in_the_hose() -> None:
         chosen = {key: sections[key] for key in (list(sections)[k] for k in keys)}
         device = ANKLE._replace(effects=catalogue.pack_effects(chosen))
         assert dynamics.get_dead_time(device) == pytest.approx(dead_time, rel=1e-3)
+
+
+@given(pressure=st.floats(0.0, 5e5), near=st.floats(LOCK, REST), unit_length=st.floats(LOCK + 0.12, REST + 0.14))
+def test_equilibrium_does_not_depend_on_the_length_where_the_search_begins(
+    pressure: float, near: float, unit_length: float
+) -> None:
+    expected = compute_equilibrium_state(ANKLE, unit_length, pressure)
+    found = compute_equilibrium_state(ANKLE, unit_length, pressure, near)
+    assert found.length == pytest.approx(expected.length, abs=1e-12)
+    assert found.pressure == expected.pressure
+    assert found.internal_state == pytest.approx(expected.internal_state, rel=1e-9)

@@ -60,10 +60,13 @@ def _compute_steady_internal_state(
     return replace_gas_state(internal_state, pneumatic_step.equilibrium_gas(supply, pressure, volume, resting_volume))
 
 
-def compute_equilibrium_state(parameters: DeviceParameters, unit_length: float, command: float) -> DeviceState:
+def compute_equilibrium_state(
+    parameters: DeviceParameters, unit_length: float, command: float, near_length: float | None = None
+) -> DeviceState:
     """Return the equilibrium state at unit length ``unit_length`` [m] under the pressure ``command`` [Pa].
 
-    All internal states are in equilibrium, too.
+    All internal states are in equilibrium, too. The search begins at the muscle length ``near_length`` [m] (None: where
+    the tendon is just taut); a length close to the equilibrium takes half the time.
     """
     state = compute_taut_state(parameters, unit_length, command)
     air = step_pressure(parameters, state, command, EQUILIBRIUM_TIME_STEP)
@@ -72,7 +75,7 @@ def compute_equilibrium_state(parameters: DeviceParameters, unit_length: float, 
     length = solve_length(
         parameters,
         pneumatic_step.constant_pressure(pressure),
-        DeviceState(pressure, state.length),
+        DeviceState(pressure, state.length if near_length is None else near_length),
         unit_length,
         EQUILIBRIUM_TIME_STEP,
     )

@@ -19,6 +19,8 @@ MAX_NEWTON_MOTION = 0.1
 """Largest motion of a joint in one Newton step [m or rad]."""
 POSITION_PERTURBATION = 1e-6
 """Change of a joint [m or rad] that measures how its acceleration depends on its position."""
+MAX_RESIDUAL_RATIO = 0.3
+"""Acceleration after a step, over that before, above which the dependence on the positions is measured again."""
 REST_TOLERANCE = 1e-9
 """Newton step of every joint [m or rad] below which the mechanism rests."""
 RELAXATION_TIME = 0.02
@@ -39,10 +41,11 @@ def move_to_rest(
 ) -> None:
     """Move ``data`` to its equilibrium under constant ``pressures`` [Pa] and ``controls``, without dry friction.
 
-    ``devices`` and ``pressures`` are by name of the device; ``held_joints`` stay where they are. Newton's method
-    seeks positions without acceleration. Where it finds none, or a joint has several degrees of freedom, all joints
-    start from rest again and again until they no longer move (dynamic relaxation with kinetic damping; Day, 1965).
-    Where joints rub, every position near the equilibrium is one; which of them depends on the past, and is unknown.
+    ``devices`` and ``pressures`` are by name of the device; ``held_joints`` stay where they are. Newton's method, with
+    secant updates (Broyden, Math. Comput. 19:577, 1965), seeks positions without acceleration. Where it finds none, or
+    a joint has several degrees of freedom, all joints start from rest again and again until they no longer move
+    (dynamic relaxation with kinetic damping; Day, 1965). Where joints rub, every position near the equilibrium is one;
+    which of them depends on the past, and is unknown.
     """
     data.ctrl[:] = controls
     start = data.qpos.copy()
@@ -79,22 +82,31 @@ def _solve_newton(
         mujoco.mj_forward(model, data)
         return np.array(data.qacc[dofs])
 
-    x = np.array(data.qpos[positions])
-    for _ in range(MAX_NEWTON_STEPS):
-        if not len(free):
-            return True
-        acceleration = accelerate(x)
+    def differentiate(joint_positions: Array, acceleration: Array) -> Array:
         perturbations = POSITION_PERTURBATION * np.eye(len(free))
-        jacobian = (
-            np.column_stack([(accelerate(x + dx) - acceleration) for dx in perturbations]) / POSITION_PERTURBATION
-        )
+        changes = [accelerate(joint_positions + dx) - acceleration for dx in perturbations]
+        return np.column_stack(changes) / POSITION_PERTURBATION
+
+    if not len(free):
+        return True
+    x = np.array(data.qpos[positions])
+    acceleration = accelerate(x)
+    jacobian = differentiate(x, acceleration)
+    for _ in range(MAX_NEWTON_STEPS):
         if not np.isfinite(jacobian).all() or np.linalg.eigvals(jacobian).real.max() >= 0.0:
             return False  # no stable equilibrium is near
         step = np.linalg.solve(jacobian, -acceleration)
-        x = x + np.clip(step, -MAX_NEWTON_MOTION, MAX_NEWTON_MOTION)
+        motion = np.clip(step, -MAX_NEWTON_MOTION, MAX_NEWTON_MOTION)
+        x = x + motion
         if np.max(np.abs(step)) < REST_TOLERANCE:
             data.qpos[positions] = x
             return True
+        before, acceleration = acceleration, accelerate(x)
+        if np.linalg.norm(acceleration) > MAX_RESIDUAL_RATIO * np.linalg.norm(before):
+            jacobian = differentiate(x, acceleration)
+        else:
+            change = acceleration - before - jacobian @ motion
+            jacobian = jacobian + np.outer(change, motion) / float(motion @ motion)
     return False
 
 
@@ -138,4 +150,5 @@ def _set_devices_to_equilibrium(
     for name, actuator in devices.items():
         tendon = model.actuator_trnid[actuator.id, 0]
         length = float(data.ten_length[tendon])
-        actuator.set_state(data, compute_equilibrium_state(actuator.parameters, length, pressures[name]))
+        near = actuator.get_state(data).length
+        actuator.set_state(data, compute_equilibrium_state(actuator.parameters, length, pressures[name], near))
