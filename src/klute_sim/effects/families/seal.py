@@ -1,4 +1,4 @@
-"""Friction of seals and guides: dry, falling with speed, or of a seal that deforms before it slides."""
+"""Friction of seals and guides: dry, growing or falling with speed, or of a seal that deforms before it slides."""
 
 import math
 from typing import Any
@@ -27,6 +27,11 @@ SLIDING_FORCE = EffectParameter(
 def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
     """Return the damper tension [N] plus ``F sign(v)``."""
     return force + p.force * smooth_sign(velocity)
+
+
+def viscous_seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
+    """Return the damper tension [N] plus ``F sign(v) + b v``."""
+    return force + p.force * smooth_sign(velocity) + p.damping * velocity
 
 
 def stribeck_friction(p: Any, state: Any, force: float, velocity: float) -> float:
@@ -108,7 +113,7 @@ def step_seal_displacement(
 
 SEAL_FRICTION = Effect(
     name="seal_friction",
-    description="A seal of damper or cylinder, or a guide of the rig, has dry friction, which may grow with pressure.",
+    description="A seal of damper or cylinder, or a guide of the rig, rubs; pressure or speed may add friction.",
     kind="device",
     forms=(
         EffectForm(
@@ -116,6 +121,24 @@ SEAL_FRICTION = Effect(
             equation="F += F_seal sign(v)",
             parameters=(SLIDING_FORCE,),
             laws={"damper_force": seal_friction},
+        ),
+        EffectForm(
+            name="viscous",
+            equation="F += F_seal sign(v) + b v",
+            parameters=(
+                SLIDING_FORCE,
+                EffectParameter(
+                    key="damping_n_s_per_m",
+                    neutral=None,
+                    lower=1.0,
+                    upper=2000.0,
+                    typical=50.0,
+                    source="assumed: at 0.3 m/s as large as the dry friction",
+                ),
+            ),
+            laws={"damper_force": viscous_seal_friction},
+            # Elsewhere the linear flow of the oil is the same.
+            candidate_sections=("cylinder",),
         ),
         EffectForm(
             name="stribeck",
