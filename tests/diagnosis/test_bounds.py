@@ -31,6 +31,7 @@ from tests.diagnosis.synthetic_dataset import make_repeats
 
 DEVICE = load_device("klute-3-4-pair")
 COULOMB, STRIBECK = EffectTerm("seal_friction", "coulomb"), EffectTerm("seal_friction", "stribeck")
+PRESLIDING = EffectTerm("seal_friction", "presliding")
 RELAXATION, THRESHOLD = EffectTerm("bladder_relaxation", "maxwell"), EffectTerm("threshold_pressure", "constant")
 GAIN, HOSE = EffectTerm("sensor_gain", "linear", "force"), EffectTerm("hose", "tube")
 AT_BOUND, INSIDE = 3.0, 0.6
@@ -60,14 +61,18 @@ Refits = Mapping[tuple[EffectTerm, ...], Fit]
 
 @pytest.fixture
 def replace_fits(monkeypatch: pytest.MonkeyPatch) -> Callable[[Refits], None]:
-    """Return a function that replaces refined fits, and refits with a simpler form, by the one of their terms."""
+    """Return a function that replaces refined fits, and refits with a simpler form, by the one of their terms.
+
+    Other simpler forms explain nothing.
+    """
 
     def install(refits: Refits) -> None:
         def refine(data: WeightedData, hypothesis: Hypothesis, *_: Any, **__: Any) -> Fit:
             return refits[hypothesis.terms]
 
         def simplify(data: WeightedData, fit: Fit, term: EffectTerm, simpler: EffectTerm) -> Fit:
-            return refits[tuple(simpler if t == term else t for t in fit.hypothesis.terms)]
+            terms = tuple(simpler if t == term else t for t in fit.hypothesis.terms)
+            return refits[terms] if terms in refits else make_fit(*terms, chi2=1e3)
 
         def check(data: WeightedData, fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
             return refits[fit.hypothesis.terms], True
@@ -81,11 +86,27 @@ def replace_fits(monkeypatch: pytest.MonkeyPatch) -> Callable[[Refits], None]:
     return install
 
 
-def test_form_at_its_bound_becomes_the_simplest_one(data: WeightedData, replace_fits: Callable[[Refits], None]) -> None:
-    shaped, inside = make_fit(STRIBECK, GAIN, stick_fraction=AT_BOUND), make_fit(STRIBECK, stick_fraction=INSIDE)
-    replace_fits({(COULOMB, GAIN): make_fit(COULOMB, GAIN), (STRIBECK,): inside})
+@pytest.mark.parametrize(
+    ("chi2", "displacement", "expected"),
+    [(0.0, 0.5, PRESLIDING), (5.0, 0.5, COULOMB), (0.0, 0.05, COULOMB)],
+    ids=["explains more", "explains no more", "is at its bound, too"],
+)
+def test_form_at_its_bound_becomes_the_simpler_one_with_the_lowest_bic(
+    chi2: float,
+    displacement: float,
+    expected: EffectTerm,
+    data: WeightedData,
+    replace_fits: Callable[[Refits], None],
+) -> None:
+    presliding = make_fit(PRESLIDING, GAIN, chi2=chi2, presliding_mm=displacement)
+    replace_fits({(COULOMB, GAIN): make_fit(COULOMB, GAIN, chi2=6.0), (PRESLIDING, GAIN): presliding})
+    shaped = make_fit(STRIBECK, GAIN, stick_fraction=AT_BOUND)
     assert find_terms_at_bound(shaped) == [STRIBECK]
-    assert bounds.simplify_at_bound(data, shaped).hypothesis.terms == (COULOMB, GAIN)
+    assert bounds.simplify_at_bound(data, shaped).hypothesis.terms == (expected, GAIN)
+
+
+def test_form_within_its_bounds_and_the_only_form_remain(data: WeightedData) -> None:
+    inside = make_fit(STRIBECK, stick_fraction=INSIDE)
     assert bounds.simplify_at_bound(data, inside) is inside
     only_form = make_fit(RELAXATION, time_constant_s=100.0)
     assert find_terms_at_bound(only_form) == [RELAXATION]

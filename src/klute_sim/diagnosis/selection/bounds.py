@@ -26,12 +26,32 @@ def simplify_terms(data: WeightedData, fit: Fit, terms: Sequence[EffectTerm]) ->
 
 
 def simplify_at_bound(data: WeightedData, fit: Fit) -> Fit:
-    """Return ``fit`` with the simplest form of each effect that has a parameter at its bound; ``fit`` without any."""
-    return simplify_terms(data, fit, find_terms_at_bound(fit))
+    """Return ``fit`` with a simpler form of each effect that has a parameter at its bound; ``fit`` without any.
+
+    Of the forms with fewer parameters and none of them at its bound, that with the lowest BIC is taken; the simplest
+    form where there is none.
+    """
+    for term in find_terms_at_bound(fit):
+        if term.number is None:
+            fit = _choose_simpler_form(data, fit, term)
+    return fit
+
+
+def _choose_simpler_form(data: WeightedData, fit: Fit, term: EffectTerm) -> Fit:
+    allowed = fit.hypothesis.device.spec.list_candidate_forms(term.effect_definition)
+    simplest, *others = sorted(allowed, key=lambda form: len(form.parameters))
+    if len(simplest.parameters) >= len(term.parameters):
+        return fit
+    n_parameters = range(len(simplest.parameters) + 1, len(term.parameters))
+    between = [form for form in others if len(form.parameters) in n_parameters]
+    simpler = [term._replace(form=form.name, parameter_keys=()) for form in (simplest, *between)]
+    refits = [refit_with_replacement(data, fit, term, other) for other in simpler]
+    inside = [refit for refit, other in zip(refits, simpler, strict=True) if other not in find_terms_at_bound(refit)]
+    return min(inside, key=lambda refit: refit.bic(data.n_effective), default=refits[0])
 
 
 def refine_names(data: WeightedData, fit: Fit) -> Fit:
-    """Return ``fit`` refined, with the simplest form of each effect whose refined fit has a parameter at its bound."""
+    """Return ``fit`` refined, with a simpler form of each effect whose refined fit has a parameter at its bound."""
     refined = fit_hypothesis(data, fit.hypothesis, fit.x, fine=True)
     simplified = simplify_at_bound(data, refined)
     return refined if simplified is refined else refine_names(data, simplified)

@@ -169,7 +169,7 @@ def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_
 def refine_and_simplify(search: ForwardSelection, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
     """Return ``best_fit`` as :func:`check_convergence` does.
 
-    Effects that end with a parameter at a bound have their simplest form, unless it shows a misfit.
+    Effects that end with a parameter at a bound have a simpler form, unless it shows a misfit.
     """
     fit, has_converged = check_convergence(search.data, best_fit, rng)
     simplified = simplify_at_bound(search.data, fit)
