@@ -130,14 +130,7 @@ def decide_verdict(
     )
     law = f"{cause}, so models are judged by the prediction of each {kind} from the others ({result.n_folds} of them)."
     if not chosen.terms:
-        best = next((model for model in result.models if model.terms), None)
-        detail = ""
-        if best is not None:
-            reason = best.obstacle or "that is less than one standard error, or fewer effects predict as well"
-            ratio = compare_errors(best, result.base)
-            change = "" if ratio is None else f" with {100.0 * (ratio - 1.0):+.0f} % of the squared error"
-            detail = f" The best is {_list_terms(best)}{change}: {reason}."
-        return ImperfectLawDecision(unexplained, [law, f"No effect improves the predictions.{detail}"])
+        return ImperfectLawDecision(unexplained, [law, _explain_no_choice(result)])
     names = _list_terms(chosen)
     stability = ", ".join(f"{term} in {100 * value:.0f} %" for term, value in result.stability.items())
     reasons = [
@@ -206,6 +199,24 @@ def compute_jackknife_intervals(model: PredictiveModel) -> list[tuple[float, flo
         (parameter.denormalize(float(low)), parameter.denormalize(float(high))) for parameter, low, high in ends
     ]
     return [(min(pair), max(pair)) for pair in intervals]
+
+
+def _explain_no_choice(result: PredictiveResult) -> str:
+    """Return why ``result`` chooses no effect."""
+    best = next((model for model in result.models if model.terms), None)
+    if best is None:
+        return "No effect improves the predictions."
+    ratio = compare_errors(best, result.base)
+    change = "" if ratio is None else f" ({100.0 * (ratio - 1.0):+.0f} % of the squared error)"
+    if best.obstacle:
+        return (
+            f"No effect that may be named improves the predictions. The best, {_list_terms(best)}{change}, may not: "
+            f"{best.obstacle}."
+        )
+    return (
+        f"No effect improves the predictions enough. The best, {_list_terms(best)}{change}, is better by less than one "
+        "standard error, or fewer effects predict as well."
+    )
 
 
 def _list_terms(model: PredictiveModel) -> str:

@@ -41,7 +41,8 @@ def find_naming_obstacle(data: WeightedData, fit: Fit, *, needs_numbers_at_limit
     for term, flaw in find_infeasible_terms(fit).items():
         return f"{term} {flaw}"
     for term, parameter, bound in _iterate_bounds_reached(fit):
-        return f"{term} has '{parameter.name}' at its bound, {parameter.denormalize(bound):.4g}"
+        subject = f"{term} is" if term.number else f"{term} has '{parameter.name}'"
+        return f"{subject} at its bound, {parameter.denormalize(bound):.4g}"
     numbers = find_numbers_at_limit(fit) if fit.hypothesis.terms and needs_numbers_at_limit else []
     if numbers:
         terms = " and ".join(map(str, fit.hypothesis.terms))
