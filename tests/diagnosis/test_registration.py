@@ -9,9 +9,9 @@ from scipy.ndimage import gaussian_filter1d
 from klute_sim.diagnosis.experiments.registration import (
     REGISTRATION_DEVIATIONS,
     SI_FACTORS,
+    MeasuredInputs,
     PlateLoad,
     Registration,
-    correct_inputs,
     describe_registration,
 )
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -37,6 +37,7 @@ INPUTS = ReplayInputs(
     shear_force=np.sin(ANGLE) * LOAD.vertical - np.cos(ANGLE) * FORWARD,
     pressure_command=np.zeros(2),
 )
+MEASURED = MeasuredInputs(INPUTS, LOAD, STEP)
 
 
 def test_names_units_and_fields_agree() -> None:
@@ -47,12 +48,12 @@ def test_names_units_and_fields_agree() -> None:
 
 def test_moment_follows_the_lever_and_the_height() -> None:
     # A load 10 mm further in front of the ankle dorsiflexes: the moment falls by 8 N.m.
-    shifted = correct_inputs(INPUTS, LOAD, Registration(cop_to_ankle=0.01), STEP)
+    shifted = MEASURED.correct(Registration(cop_to_ankle=0.01))
     assert shifted.ground_moment - INPUTS.ground_moment == pytest.approx([0.0, -8.0])
     # A forward force at a height of another 10 mm: -0.6 N.m.
-    raised = correct_inputs(INPUTS, LOAD, Registration(ankle_height=0.01), STEP)
+    raised = MEASURED.correct(Registration(ankle_height=0.01))
     assert raised.ground_moment - INPUTS.ground_moment == pytest.approx([0.0, -0.6])
-    louder = correct_inputs(INPUTS, LOAD, Registration(plate_gain=0.01), STEP)
+    louder = MEASURED.correct(Registration(plate_gain=0.01))
     assert louder.ground_moment == pytest.approx(1.01 * INPUTS.ground_moment)
     assert louder.axial_force == pytest.approx(1.01 * INPUTS.axial_force)
     assert louder.shear_force == pytest.approx(1.01 * INPUTS.shear_force)
@@ -71,7 +72,7 @@ def test_corrections_that_matter_are_told() -> None:
 
 
 def test_no_error_changes_nothing() -> None:
-    unchanged = correct_inputs(INPUTS, LOAD, Registration(), STEP)
+    unchanged = MEASURED.correct(Registration())
     assert all(np.array_equal(a, b) for a, b in zip(unchanged, INPUTS, strict=True))
 
 
@@ -99,7 +100,7 @@ def test_delay_of_the_plate_is_removed(delay: float) -> None:
         )
         return inputs, PlateLoad(vertical, x, z)
 
-    corrected = correct_inputs(*measure(delay), Registration(plate_delay=delay), STEP)
+    corrected = MeasuredInputs(*measure(delay), STEP).correct(Registration(plate_delay=delay))
     right, inside = measure(0.0)[0], slice(20, -20)
     for name in ("ground_moment", "axial_force", "shear_force"):
         expected = getattr(right, name)[inside]

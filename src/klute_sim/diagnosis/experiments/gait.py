@@ -22,9 +22,9 @@ from klute_sim.diagnosis.experiments.interpolation import hold_command
 from klute_sim.diagnosis.experiments.registration import (
     NO_REGISTRATION_ERROR,
     REGISTRATION_DEVIATIONS,
+    MeasuredInputs,
     PlateLoad,
     Registration,
-    correct_inputs,
 )
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
@@ -154,9 +154,7 @@ class GaitExperiment(Experiment):
         """Simulate the replay; values are those at the start of each time step."""
         foot = self.build_foot(setup)
         registration = Registration(*setup.registration)
-        inputs = self.inputs
-        if registration != NO_REGISTRATION_ERROR:
-            inputs = correct_inputs(inputs, self.load, registration, self.dt)
+        inputs = self.correct_inputs(registration)
         replay = simulate_replay(setup.parameters, foot, inputs._replace(pressure_command=self.command), self.dt)
         time: Array = self.start_time + self.dt * np.arange(float(len(self.command)))
         return DeviceResponse(
@@ -167,6 +165,14 @@ class GaitExperiment(Experiment):
             replay.ankle_angle + (self.alignment + registration.ankle_zero),
             replay.ankle_moment,
         )
+
+    def correct_inputs(self, registration: Registration) -> ReplayInputs:
+        """Return :attr:`inputs` under the errors of ``registration``."""
+        return self.inputs if registration == NO_REGISTRATION_ERROR else self._measured_inputs.correct(registration)
+
+    @cached_property
+    def _measured_inputs(self) -> MeasuredInputs:
+        return MeasuredInputs(self.inputs, self.load, self.dt)
 
     def build_foot(self, setup: SimulationSetup) -> Foot:
         """Return the foot with the effects of the body of the device and of ``setup``, and with its known change."""

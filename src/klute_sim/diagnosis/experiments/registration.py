@@ -7,6 +7,7 @@ usual size as a prior before any effect is named.
 
 import math
 from collections.abc import Callable, Iterable
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -77,41 +78,62 @@ class PlateLoad(NamedTuple):
         return PlateLoad(*(change(series) for series in self))
 
 
-def correct_inputs(inputs: ReplayInputs, load: PlateLoad, registration: Registration, dt: float) -> ReplayInputs:
-    """Return ``inputs`` of a replay, one value per time step ``dt`` [s], under ``registration`` errors.
+class MeasuredInputs:
+    """Inputs of a replay as they were measured, one value per time step, which any registration corrects.
 
     The moment of the ground reaction about the ankle, plantarflexion positive, is ``-z F_forward - d F_vertical`` with
     height z of the ankle and distance d of the centre of pressure in front of it.
     """
-    gain = 1.0 + registration.plate_gain
-    sine, cosine = np.sin(inputs.shank_angle), np.cos(inputs.shank_angle)
-    forward, vertical = sine * inputs.axial_force - cosine * inputs.shear_force, load.vertical
-    if registration.plate_delay != 0.0:
-        moment_about_origin = load.ankle_x * vertical - load.ankle_z * forward - inputs.ground_moment
-        forward, vertical, moment_about_origin = (
-            _advance(series, registration.plate_delay, dt) for series in (forward, vertical, moment_about_origin)
+
+    def __init__(self, inputs: ReplayInputs, load: PlateLoad, dt: float) -> None:
+        """Take ``inputs`` and ``load`` with a time step ``dt`` [s]."""
+        self._inputs, self._load, self._dt = inputs, load, dt
+        self._sine, self._cosine = np.sin(inputs.shank_angle), np.cos(inputs.shank_angle)
+        self._forward = self._sine * inputs.axial_force - self._cosine * inputs.shear_force
+
+    def correct(self, registration: Registration) -> ReplayInputs:
+        """Return the inputs under the errors of ``registration``."""
+        inputs, load, gain = self._inputs, self._load, 1.0 + registration.plate_gain
+        forward, vertical = self._forward, load.vertical
+        if registration.plate_delay != 0.0:
+            forward, vertical, moment_about_origin = self._advance_plate(registration.plate_delay)
+            inputs = inputs._replace(
+                ground_moment=load.ankle_x * vertical - load.ankle_z * forward - moment_about_origin,
+                axial_force=self._cosine * vertical + self._sine * forward,
+                shear_force=self._sine * vertical - self._cosine * forward,
+            )
+        shift = registration.ankle_height * forward + registration.cop_to_ankle * vertical
+        return inputs._replace(
+            ground_moment=gain * (inputs.ground_moment - shift),
+            axial_force=gain * inputs.axial_force,
+            shear_force=gain * inputs.shear_force,
         )
-        inputs = inputs._replace(
-            ground_moment=load.ankle_x * vertical - load.ankle_z * forward - moment_about_origin,
-            axial_force=cosine * vertical + sine * forward,
-            shear_force=sine * vertical - cosine * forward,
-        )
-    shift = registration.ankle_height * forward + registration.cop_to_ankle * vertical
-    return inputs._replace(
-        ground_moment=gain * (inputs.ground_moment - shift),
-        axial_force=gain * inputs.axial_force,
-        shear_force=gain * inputs.shear_force,
-    )
 
+    def _advance_plate(self, delay: float) -> Array:
+        """Return the series of the plate (3, steps) a time ``delay`` [s] earlier.
 
-def _advance(series: Array, delay: float, dt: float) -> Array:
-    """Return ``series``, one value per time step ``dt`` [s], a time ``delay`` [s] earlier.
+        Noise stays where it is: interpolation between samples would reduce it, and a fit would prefer such delays.
+        """
+        steps = self._smooth_plate.x
+        return self._plate_noise + self._smooth_plate(np.clip(steps + delay / self._dt, 0.0, steps[-1]))
 
-    Noise stays where it is: interpolation between samples would reduce it, and a fit would prefer such delays.
-    """
-    smooth, steps = gaussian_filter1d(series, SMOOTHING_TIME / dt), np.arange(len(series), dtype=np.float64)
-    advanced = CubicSpline(steps, smooth)(np.clip(steps + delay / dt, 0.0, steps[-1]))
-    return np.asarray(series + advanced - smooth)
+    @cached_property
+    def _plate(self) -> Array:
+        """Forward and vertical force [N] and moment about the origin [N m] of the ground reaction, (3, steps)."""
+        load = self._load
+        moment = load.ankle_x * load.vertical - load.ankle_z * self._forward - self._inputs.ground_moment
+        return np.stack([self._forward, load.vertical, moment])
+
+    @cached_property
+    def _smooth_plate(self) -> CubicSpline:
+        """Series of the plate without its noise, by time step: most of the work of a correction, done once."""
+        smooth = gaussian_filter1d(self._plate, SMOOTHING_TIME / self._dt, axis=1)
+        return CubicSpline(np.arange(smooth.shape[1], dtype=np.float64), smooth, axis=1)
+
+    @cached_property
+    def _plate_noise(self) -> Array:
+        """Series of the plate minus the smooth ones, (3, steps)."""
+        return np.asarray(self._plate - self._smooth_plate(self._smooth_plate.x))
 
 
 REGISTRATION_WORDS = {

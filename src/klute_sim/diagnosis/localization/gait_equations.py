@@ -17,7 +17,7 @@ from klute_sim.datasets.trial import SensorLimits, TimeSeries
 from klute_sim.device.dynamics import DeviceParameters, has_internal_state
 from klute_sim.diagnosis.experiments.base import SimulationSetup
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
-from klute_sim.diagnosis.experiments.registration import Registration, correct_inputs
+from klute_sim.diagnosis.experiments.registration import Registration
 from klute_sim.diagnosis.experiments.simulator import simulate_extrapolated
 from klute_sim.diagnosis.localization.device_equations import (
     compute_force_residuals,
@@ -139,7 +139,7 @@ def divide_walk(experiment: GaitExperiment, setup: SimulationSetup) -> Iterator[
         return
     response = simulate_extrapolated(setup, experiment)
     registration, foot = Registration(*setup.registration), experiment.build_foot(setup)
-    inputs = correct_inputs(experiment.inputs, experiment.load, registration, experiment.dt)
+    inputs = experiment.correct_inputs(registration)
     grid = experiment.start_time + experiment.dt * np.arange(len(experiment.command))
     clock = experiment.measured["ankle_angle"].time
     interval = float(np.median(np.diff(clock)))
