@@ -360,14 +360,18 @@ def test_plan_and_diagnosis_find_what_a_part_lacks(
     assert next(iter(result.effects[0].parameters.values())).value == pytest.approx(value, rel=0.03)
 
 
-def test_seal_that_feels_the_pressure_is_proposed_for_cylinders_with_a_supply_only() -> None:
-    """Without a supply there is no pressure in a simulation, so that data would say nothing about the growth."""
+def test_seal_friction_grows_with_the_speed_of_a_cylinder_and_the_pressure_of_its_supply() -> None:
+    """Without a supply there is no pressure in a simulation; beside a muscle, laminar flow of the oil is viscous."""
     seal = catalogue.get_effects()["seal_friction"]
-    dry = ["coulomb", "stribeck", "presliding"]
+    shapes = ["stribeck", "presliding"]
     forms = {
         "pressed": parse(CYLINDER, SUPPLY).spec.list_candidate_forms(seal),
         "alone": parse(CYLINDER).spec.list_candidate_forms(seal),
         "muscle": load_device("klute-3-4-pair").spec.list_candidate_forms(seal),
     }
     names = {case: [form.name for form in listed] for case, listed in forms.items()}
-    assert names == {"pressed": [*dry, "pressure"], "alone": dry, "muscle": dry}
+    assert names == {
+        "pressed": ["coulomb", "viscous", *shapes, "pressure"],
+        "alone": ["coulomb", "viscous", *shapes],
+        "muscle": ["coulomb", *shapes],
+    }
