@@ -1,6 +1,7 @@
 """Units of file keys and channel names; inside the program all values are in SI units."""
 
 import math
+from functools import cache
 
 BAR = 1.0e5
 """One bar in pascals."""
@@ -58,5 +59,6 @@ def to_si(key: str, value: float) -> float:
     return value * KEY_UNITS[suffix][1] if suffix else value
 
 
+@cache
 def _find_unit_suffix(key: str) -> str:
     return next((suffix for suffix in sorted(KEY_UNITS, key=len, reverse=True) if key.endswith(suffix)), "")

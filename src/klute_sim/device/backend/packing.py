@@ -5,6 +5,7 @@ changed parameters need nothing else. All numbers are in SI units. The first num
 """
 
 from collections.abc import Sequence
+from itertools import chain
 
 from klute_sim.device.dynamics import N_EFFECT_VALUES, DeviceParameters
 from klute_sim.effects import catalogue
@@ -29,7 +30,7 @@ ROW_SIZE = EFFECTS_OFFSET + N_EFFECT_VALUES
 
 def pack_parameters(parameters: DeviceParameters) -> tuple[float, ...]:
     """Return the row of ``parameters``: the layout number, then all fields in their order."""
-    return (LAYOUT_ID, *(float(value) for part in parameters for value in part))
+    return (LAYOUT_ID, *map(float, chain.from_iterable(parameters)))
 
 
 def unpack_parameters(row: Sequence[float]) -> DeviceParameters:

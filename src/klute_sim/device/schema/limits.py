@@ -1,6 +1,7 @@
 """Limits of the numbers of a device file, for programs that choose numbers."""
 
 import math
+from functools import cache
 from typing import Any, get_args
 
 from klute_sim.device.schema import effects as schema_effects
@@ -16,6 +17,11 @@ def find_limits(key: str) -> tuple[float, float]:
     section, _, name = key.partition(".")
     if section == "effects":
         return schema_effects.find_parameter_limits(*name.split("."))
+    return _find_section_limits(section, name)
+
+
+@cache
+def _find_section_limits(section: str, name: str) -> tuple[float, float]:
     lower, upper = -math.inf, math.inf
     for limit in _list_limits(DeviceSpec.model_fields[section].annotation, name):
         lower = max(lower, getattr(limit, "ge", -math.inf), math.nextafter(getattr(limit, "gt", -math.inf), math.inf))
