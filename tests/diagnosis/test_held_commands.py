@@ -213,6 +213,7 @@ def test_pressure_decides_where_the_law_of_the_muscle_is_imperfect(
     outcome, remarks = select_course(linear, held)
     assert outcome is (held if is_held else linear)
     assert [remark.endswith("agrees with held ones only.") for remark in remarks] == [True] * is_held
+    assert held_commands.prepare_held_commands(linear, lambda trials: held) is (held if is_held else None)
 
 
 @pytest.mark.parametrize(

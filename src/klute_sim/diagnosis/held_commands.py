@@ -33,6 +33,19 @@ HELD_REMARK = (
 """Beginning of the remark on held commands."""
 
 
+class Preparation(NamedTuple):
+    """Trials before any search, for one course of the commands between their samples."""
+
+    experiments: list[Experiment]
+    """All trials."""
+    data: WeightedData
+    """The fitted trials."""
+    base_fit: Fit
+    """Fit without added effects."""
+    remarks: list[str]
+    """What to say of trials that count less."""
+
+
 class Outcome(NamedTuple):
     """The model that was selected, for one course of the commands between their samples."""
 
@@ -73,6 +86,29 @@ class Outcome(NamedTuple):
         return fit.bic(self.data.n_effective) - final.bic(self.data.n_effective)
 
 
+PRESSURE_REMARK = f"{HELD_REMARK}, and the measured pressure agrees with held ones only."
+"""Remark where measured pressures decide."""
+
+
+def prepare_held_commands(
+    linear: Preparation, prepare: Callable[[list[Experiment]], Preparation]
+) -> Preparation | None:
+    """Return the trials with held commands if repeats of measured pressures agree with those only; else None.
+
+    They decide before any search: :func:`select_command_course` would choose held commands whatever is named.
+    """
+    if not has_repeats(linear.data.experiments) or not _has_held_variants(linear.experiments):
+        return None
+    if not _has_misfit(linear.data, linear.base_fit):
+        return None
+    held = prepare([e.held_variant or e for e in linear.experiments])
+    return held if _is_pressure_explained_by_course(linear, held) else None
+
+
+def _has_held_variants(experiments: list[Experiment]) -> bool:
+    return any(e.held_variant for e in experiments if e.use == "fit" and e.measured)
+
+
 def select_command_course(
     linear: Outcome, search_model: Callable[[list[Experiment]], Outcome], progress: ProgressCallback
 ) -> tuple[Outcome, list[str]]:
@@ -87,7 +123,7 @@ def select_command_course(
     Held commands are chosen, whatever is named, if the measured pressures agree with them and not with linear ones:
     without any name, or with all names of either outcome, unless held commands need a further shift in time.
     """
-    if not any(e.held_variant for e in linear.experiments if e.use == "fit" and e.measured):
+    if not _has_held_variants(linear.experiments):
         return linear, []
     experiments = [e.held_variant or e for e in linear.experiments]
     fitted = [e for e in experiments if e.use == "fit" and e.measured]
@@ -98,10 +134,9 @@ def select_command_course(
     held = search_model(experiments)
     difference = linear.compute_bic(_copy_weights(linear.data, held.data)) - held.compute_bic(held.data)
     has_further_shift = held.n_time_shifts > linear.n_time_shifts
-    if _is_pressure_explained_by_course(linear, held) or (
-        not has_further_shift and _is_pressure_explained_by_names(linear, held)
-    ):
-        return held, [f"{HELD_REMARK}, and the measured pressure agrees with held ones only."]
+    is_decided = _is_pressure_explained_by_course(linear, held) or _is_less_left_by_course(linear, held)
+    if is_decided or (not has_further_shift and _is_pressure_explained_by_names(linear, held)):
+        return held, [PRESSURE_REMARK]
     # What the course of the command explains as well needs no name, a shift in time least of all.
     if has_further_shift or held.selected.verdict == "unexplained" != linear.selected.verdict:
         return linear, []
@@ -119,23 +154,31 @@ def select_command_course(
     return held, [f"{HELD_REMARK}, and with them{more_names} BIC changes by {difference:+.0f}."]
 
 
-def _is_pressure_explained_by_course(linear: Outcome, held: Outcome) -> bool:
-    """Return whether held commands alone leave no misfit of the measured pressures, and linear ones do.
+def _is_pressure_explained_by_course(linear: Preparation | Outcome, held: Preparation | Outcome) -> bool:
+    """Return whether repeats of the measured pressures show a misfit with linear commands, and none with held ones.
 
-    The law of the muscle is not in a pressure, so that it decides where an imperfect law leaves a misfit of the force
-    for either course. Without repeats, held commands alone must leave no more than linear ones with all names do.
+    Nothing is named in either. The law of the muscle is not in a pressure, so that it decides where an imperfect law
+    leaves a misfit of the force for either course.
     """
-    noise = _select_pressure_noise(held.data)
-    if not noise:
+    if not _select_pressure_noise(held.data) or not has_repeats(held.data.experiments):
         return False
-    if not has_repeats(held.data.experiments):
-        left = _compute_mean_square(held.data, held.base_fit, noise)
-        is_far_less = left < MAX_HELD_RESIDUAL_FRACTION * _compute_mean_square(linear.data, linear.base_fit, noise)
-        return is_far_less and left <= MAX_HELD_RESIDUAL_RATIO * _compute_mean_square(
-            linear.data, linear.selected.final_fit, noise
-        )
     is_left = _has_misfit(held.data, held.base_fit)
     return not is_left and _has_misfit(_copy_weights(linear.data, held.data), linear.base_fit)
+
+
+def _is_less_left_by_course(linear: Outcome, held: Outcome) -> bool:
+    """Return whether held commands alone leave far less in pressures without repeats than linear ones do.
+
+    Nor may they leave more than linear commands with all names do.
+    """
+    noise = _select_pressure_noise(held.data)
+    if not noise or has_repeats(held.data.experiments):
+        return False
+    left = _compute_mean_square(held.data, held.base_fit, noise)
+    is_far_less = left < MAX_HELD_RESIDUAL_FRACTION * _compute_mean_square(linear.data, linear.base_fit, noise)
+    return is_far_less and left <= MAX_HELD_RESIDUAL_RATIO * _compute_mean_square(
+        linear.data, linear.selected.final_fit, noise
+    )
 
 
 def _is_pressure_explained_by_names(linear: Outcome, held: Outcome) -> bool:

@@ -31,7 +31,13 @@ from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
-from klute_sim.diagnosis.held_commands import Outcome, select_command_course
+from klute_sim.diagnosis.held_commands import (
+    PRESSURE_REMARK,
+    Outcome,
+    Preparation,
+    prepare_held_commands,
+    select_command_course,
+)
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.imperfect_law import (
     decide_verdict,
@@ -122,12 +128,19 @@ def _run_workflow(
         experiments, quantizers = detect_quantizers(experiments, fitted)
     progress(0.1, "fitting the device without added effects")
 
-    def search_model(trials: list[Experiment]) -> Outcome:
-        return _search_model(dataset, trials, simulator, cache, options, progress)
+    def prepare(trials: list[Experiment]) -> Preparation:
+        return _prepare_search(dataset, trials, simulator, cache)
 
-    outcome = search_model(experiments)
-    if outcome.selected.verdict != "nothing-missing":
-        outcome, remarks = select_command_course(outcome, search_model, progress)
+    def search_model(prepared: Preparation) -> Outcome:
+        return _search_model(dataset, prepared, options, progress)
+
+    linear = prepare(experiments)
+    held = prepare_held_commands(linear, prepare)
+    outcome = search_model(held or linear)
+    if held:
+        reasons.append(PRESSURE_REMARK)
+    elif outcome.selected.verdict != "nothing-missing":
+        outcome, remarks = select_command_course(outcome, lambda trials: search_model(prepare(trials)), progress)
         reasons += remarks
     reasons += outcome.remarks
     experiments, data, search, base_fit, selected, _ = outcome
@@ -196,21 +209,24 @@ def _run_workflow(
     return diagnosis
 
 
-def _search_model(
-    dataset: Dataset,
-    experiments: list[Experiment],
-    simulator: Simulator,
-    cache: FitCache,
-    options: DiagnosisOptions,
-    progress: ProgressCallback,
-) -> Outcome:
-    """Return the model that is selected for ``experiments``."""
+def _prepare_search(
+    dataset: Dataset, experiments: list[Experiment], simulator: Simulator, cache: FitCache
+) -> Preparation:
+    """Return ``experiments`` with the weights of their samples, and the fit of the device without added effects."""
     fitted = [e for e in experiments if e.use == "fit" and e.measured]
     remarks: list[str] = []
     if data_quality.has_repeats(fitted):
         experiments, remarks = add_noise_scales(experiments, fitted, simulator)
         fitted = [e for e in experiments if e.use == "fit" and e.measured]
     base_fit, data = fit_base_device(dataset, fitted, simulator, cache)
+    return Preparation(experiments, data, base_fit, remarks)
+
+
+def _search_model(
+    dataset: Dataset, prepared: Preparation, options: DiagnosisOptions, progress: ProgressCallback
+) -> Outcome:
+    """Return the model that is selected for the ``prepared`` trials."""
+    experiments, data, base_fit, remarks = prepared
     validation = [e for e in experiments if e.use == "validation" and e.measured.keys() & data.noise]
     validation_data = [
         data.with_experiments([e for e in validation if e.group == group])
@@ -221,7 +237,7 @@ def _search_model(
         validation_data,
         list_candidate_terms(data, dataset, options.only, options.exclude),
         lambda stage: progress(0.2, stage),
-        data_quality.has_repeats(fitted),
+        data_quality.has_repeats(data.experiments),
         dataset.tolerance,
     )
     selected = _select_model(search, experiments, base_fit, options, progress)
