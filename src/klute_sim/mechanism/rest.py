@@ -1,5 +1,6 @@
 """The state in which a mechanism rests under its first inputs: the start of a simulation."""
 
+import math
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 
@@ -8,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from klute_sim.device.equilibrium import compute_equilibrium_state
+from klute_sim.laws.joint import bristle_level
 from klute_sim.plant import callbacks
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.plant.python_friction import release_friction
+from klute_sim.plant.python_friction import list_frictions, load_friction, release_friction
 from klute_sim.types import Array
 
 MAX_NEWTON_STEPS = 40
@@ -38,27 +40,82 @@ def move_to_rest(
     pressures: Mapping[str, float],
     controls: ArrayLike,
     held_joints: Collection[str],
+    known_joints: Collection[str] = (),
 ) -> None:
-    """Move ``data`` to its equilibrium under constant ``pressures`` [Pa] and ``controls``, without dry friction.
+    """Move ``data`` to its equilibrium under constant ``pressures`` [Pa] and ``controls``.
 
     ``devices`` and ``pressures`` are by name of the device; ``held_joints`` stay where they are. Newton's method, with
     secant updates (Broyden, Math. Comput. 19:577, 1965), seeks positions without acceleration. Where it finds none, or
     a joint has several degrees of freedom, all joints start from rest again and again until they no longer move
-    (dynamic relaxation with kinetic damping; Day, 1965). Where joints rub, every position near the equilibrium is one;
-    which of them depends on the past, and is unknown.
+    (dynamic relaxation with kinetic damping; Day, 1965).
+
+    Where a joint rubs, every position near the equilibrium is one, and which of them depends on the past. One of
+    ``known_joints`` stays where it is if its dry friction can hold it there; otherwise it slides towards the
+    equilibrium until its friction does. Other joints rest as if they had no dry friction.
     """
     data.ctrl[:] = controls
     start = data.qpos.copy()
+    release_friction(model, data)
+    moments: dict[str, float] = {}
     with _without_friction_loss(model):
-        if not _solve_newton(model, data, devices, pressures, held_joints):
+        frictions = {name: _compute_holding_moment(model, name) for name in known_joints if name not in held_joints}
+        sticking = {name: moment for name, moment in frictions.items() if moment > 0.0}
+        held_by_friction = _solve_with_friction(model, data, devices, pressures, held_joints, sticking)
+        if held_by_friction is not None:
+            moments = held_by_friction
+        else:
             data.qpos[:] = start
             _relax(model, data, devices, pressures)
             for name in held_joints:
                 data.joint(name).qpos[0] = start[model.joint(name).qposadr[0]]
     data.qvel[:] = 0.0
     release_friction(model, data)
+    for name, moment in moments.items():
+        load_friction(model, data, model.joint(name).id, moment / frictions[name])
     _set_devices_to_equilibrium(model, data, devices, pressures)
     data.time = 0.0
+
+
+def _compute_holding_moment(model: mujoco.MjModel, joint: str) -> float:
+    """Return the dry friction [N m or N] of a ``joint`` at rest, with that of its bristles."""
+    index = model.joint(joint).id
+    dof = int(model.jnt_dofadr[index])
+    return float(model.dof_frictionloss[dof]) + sum(bristle_level(f, 0.0) for f in list_frictions(model, index))
+
+
+def _solve_with_friction(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    devices: Mapping[str, DeviceActuator],
+    pressures: Mapping[str, float],
+    held_joints: Collection[str],
+    frictions: Mapping[str, float],
+) -> dict[str, float] | None:
+    """Move the joints to an equilibrium in which ``frictions`` (joint -> N m) hold some where they are.
+
+    Returns joint -> moment of all other forces, which its friction balances; None without a stable equilibrium.
+    """
+    dofs = {name: int(model.joint(name).dofadr[0]) for name in frictions}
+    moments: dict[str, float] = {}
+    sliding: dict[str, float] = {}
+    while True:
+        for name, moment in sliding.items():
+            data.qfrc_applied[dofs[name]] = -moment
+        held = {*held_joints, *(frictions.keys() - sliding.keys())}
+        is_at_rest = _solve_newton(model, data, devices, pressures, held)
+        if is_at_rest and len(held) > len(held_joints):
+            data.qvel[:] = 0.0
+            _set_devices_to_equilibrium(model, data, devices, pressures)
+            mujoco.mj_forward(model, data)
+            moments = {name: float(data.qfrc_smooth[dof] + data.qfrc_constraint[dof]) for name, dof in dofs.items()}
+        data.qfrc_applied[list(dofs.values())] = 0.0
+        if not is_at_rest:
+            return None
+        moments |= sliding
+        loose = {n: m for n, m in moments.items() if n not in sliding and abs(m) > frictions[n]}
+        if not loose:
+            return moments
+        sliding |= {name: math.copysign(frictions[name], moment) for name, moment in loose.items()}
 
 
 def _solve_newton(

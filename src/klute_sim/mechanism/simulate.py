@@ -168,6 +168,7 @@ def simulate_mechanism(
 
     ``inputs`` holds every prescribed channel [SI]. The simulation starts at rest in equilibrium under the first
     samples; it is sought from ``initial_positions`` (joint -> m or rad) or from the model's own position. A joint of
+    ``initial_positions`` with dry friction begins there if its friction can hold it (:func:`move_to_rest`). A joint of
     ``initial_velocities`` (joint -> m/s or rad/s) starts at its initial position with this velocity instead, and the
     devices start as if the joints had rested there under ``initial_pressures`` (device -> Pa; default: the first
     inputs). Raises InputError for such a joint without an initial position, or one that is driven. ``numbers``
@@ -201,7 +202,8 @@ def simulate_mechanism(
         try:
             with silence_warnings(), callbacks.device_callbacks(backend) as used_backend:
                 held = *mechanism.driven_joints, *moving
-                move_to_rest(model, data, actuators, schedule.initial_pressures, schedule.resting_controls, held)
+                known = (initial_positions or {}).keys()
+                move_to_rest(model, data, actuators, schedule.initial_pressures, schedule.resting_controls, held, known)
                 for name, speed in {**schedule.initial_speeds, **moving}.items():
                     data.joint(name).qvel[0] = speed
                 initial_qpos, initial_act = data.qpos.copy(), data.act.copy()

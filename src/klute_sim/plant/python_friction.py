@@ -1,13 +1,18 @@
 """Friction of joints in the Python backend: the row of an actuator, and what MuJoCo's callbacks return for it."""
 
+from collections.abc import Iterator
+
 import mujoco
 
+from klute_sim.laws.joint import BristleFriction, bristle_level
 from klute_sim.plant.joint_friction import (
     FRICTION_LAYOUT_ID,
     FRICTION_ROW_SIZE,
     N_FRICTION_STATES,
     compute_friction_force,
     compute_stretch_rate,
+    limit_stiffness,
+    unpack_friction,
 )
 
 
@@ -51,8 +56,31 @@ def find_friction_force(model: mujoco.MjModel, data: mujoco.MjData, actuator: in
     return compute_friction_force(row, stretch, rate, velocity, inverse_inertia, model.opt.timestep)
 
 
+def list_frictions(model: mujoco.MjModel, joint: int) -> list[BristleFriction]:
+    """Return the frictions of bristles on a ``joint``."""
+    return [friction for actuator, friction in _iterate_frictions(model) if model.actuator_trnid[actuator, 0] == joint]
+
+
+def load_friction(model: mujoco.MjModel, data: mujoco.MjData, joint: int, share: float) -> None:
+    """Stretch the bristles on a resting ``joint`` so that each holds a ``share`` (-1 to 1) of its level.
+
+    A positive share balances a positive moment of all other forces.
+    """
+    for actuator, friction in _iterate_frictions(model):
+        if model.actuator_trnid[actuator, 0] == joint:
+            stiffness = limit_stiffness(friction, get_inverse_inertia(model, actuator), model.opt.timestep)
+            data.act[model.actuator_actadr[actuator]] = share * bristle_level(friction, 0.0) / stiffness
+
+
+def _iterate_frictions(model: mujoco.MjModel) -> Iterator[tuple[int, BristleFriction]]:
+    """Yield each actuator with a friction, and the friction."""
+    for actuator in range(model.nactuator):
+        row = get_friction_row(model, actuator)
+        if row is not None:
+            yield actuator, unpack_friction(row)
+
+
 def release_friction(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Relax all frictions of joints."""
-    for actuator in range(model.nactuator):
-        if get_friction_row(model, actuator) is not None:
-            data.act[model.actuator_actadr[actuator]] = 0.0
+    for actuator, _ in _iterate_frictions(model):
+        data.act[model.actuator_actadr[actuator]] = 0.0

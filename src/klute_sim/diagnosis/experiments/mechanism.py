@@ -50,6 +50,8 @@ MIN_INITIAL_SPEED = {"angle": np.radians(5.0), "position": 0.01}
 """Speed [rad/s or m/s] up to which a joint begins at rest (assumed)."""
 NOISE_FACTOR = 5.0
 """Change of a position over its noise, above which it moves (assumed)."""
+MOTION_SIGMAS = 3.0
+"""Change of a position within that time, over its standard error, above which the joint moves (assumed)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,6 +254,11 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         if name in trial.measured and binding.channel.quantity in MOTION_QUANTITIES
     }
     stated = trial.initial_state
+    initial_positions = {
+        binding.name: estimate_initial_position(trial.measured[name], start_time)
+        for name, binding in outputs.items()
+        if binding.name in positions
+    }
     estimated = _estimate_initial_velocities(trial, outputs, start_time)
     velocities = {**estimated, **stated.velocities}
     warm_up = {"max_warm_up_fraction": MOVING_WARM_UP_FRACTION, "max_warm_up_time": MOVING_WARM_UP_TIME}
@@ -275,7 +282,7 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         other_inputs=other_inputs,
         held_commands=held_commands,
         numbers=trial.model_numbers,
-        initial_positions={joint: float(values[0]) for joint, values in positions.items()} | dict(stated.positions),
+        initial_positions=initial_positions | dict(stated.positions),
         initial_velocities=velocities,
         initial_pressures=(_read_initial_pressures(trial, outputs, start_time) if velocities else {})
         | dict(stated.pressures),
@@ -311,6 +318,24 @@ def _estimate_initial_velocities(trial: Trial, outputs: Mapping[str, Binding], s
         is_fast = abs(velocities[binding.name]) > MIN_INITIAL_SPEED[binding.channel.quantity]
         is_moving |= is_fast and change > NOISE_FACTOR * noise
     return velocities if is_moving else {}
+
+
+def estimate_initial_position(series: TimeSeries, start_time: float) -> float:
+    """Return the position [m or rad] of ``series`` at ``start_time``, from its first :data:`START_TIME_SPAN`.
+
+    That is the mean of a joint at rest, and the start of a parabola through the samples of one that moves.
+    """
+    is_early = np.isfinite(series.value) & (series.time >= start_time)
+    is_early &= series.time <= start_time + START_TIME_SPAN
+    time, value = series.time[is_early] - start_time, series.value[is_early]
+    third = len(value) // 3
+    if third < 2:
+        return float(_interpolate_finite(series, np.array([start_time]))[0])
+    parabola = np.polyfit(time, value, 2)
+    noise = float(np.std(value - np.polyval(parabola, time)))
+    change = abs(float(np.mean(value[-third:]) - np.mean(value[:third])))
+    is_moving = change > MOTION_SIGMAS * noise * np.sqrt(2.0 / third)
+    return float(parabola[2]) if is_moving else float(np.mean(value))
 
 
 def _read_initial_pressures(trial: Trial, outputs: Mapping[str, Binding], start_time: float) -> dict[str, float]:
