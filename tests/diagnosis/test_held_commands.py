@@ -14,7 +14,7 @@ from klute_sim.device.device import load_device
 from klute_sim.diagnosis import held_commands, workflow
 from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
-from klute_sim.diagnosis.experiments.interpolation import shows_updates
+from klute_sim.diagnosis.experiments.interpolation import changes_in_steps, shows_updates
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.noise.misfit import Misfit
@@ -113,8 +113,9 @@ def make_outcome(
 ) -> Any:
     """Return the stand-in of an outcome that names effects; its trial has a variant with a held command."""
     terms = tuple(SimpleNamespace(effect=name) for name in names.split())
+    held = SimpleNamespace(use="fit", measured=True)
     return SimpleNamespace(
-        experiments=[SimpleNamespace(held_variant=SimpleNamespace(use="fit", measured=True), use="fit", measured=True)],
+        experiments=[SimpleNamespace(held_variant=held, has_stepped_command=True, use="fit", measured=True)],
         data=SimpleNamespace(with_experiments=lambda experiments: None, noise={}),
         base_fit=SimpleNamespace(chi2=1.0, hypothesis=None, x=None),
         search=SimpleNamespace(bic_threshold=6.0),
@@ -213,7 +214,49 @@ def test_pressure_decides_where_the_law_of_the_muscle_is_imperfect(
     outcome, remarks = select_course(linear, held)
     assert outcome is (held if is_held else linear)
     assert [remark.endswith("agrees with held ones only.") for remark in remarks] == [True] * is_held
-    assert held_commands.prepare_held_commands(linear, lambda trials: held) is (held if is_held else None)
+    prepared = held_commands.prepare_held_commands(linear, lambda trials: held)
+    assert prepared == ((held, remarks[0]) if is_held else None)
+
+
+@pytest.mark.parametrize(
+    ("held_misfit", "stepped_misfit", "expected"),
+    [(0.05e5, 0.0, "stepped"), (0.0, 0.0, "held"), (0.05e5, 0.05e5, "")],
+    ids=["in trials with steps only", "in all trials", "in none"],
+)
+def test_pressure_decides_in_which_trials_commands_are_held(
+    held_misfit: float, stepped_misfit: float, expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A program that logs steps and sines at 200 Hz holds the steps until its next sample, and no sine."""
+    linear, held, stepped = (make_outcome("") for _ in range(3))
+    for outcome, rms in ((linear, 0.05e5), (held, held_misfit), (stepped, stepped_misfit)):
+        outcome.data.experiments, outcome.data.noise = [], {"pressure": None}
+        outcome.data.compute_residuals = lambda hypothesis, points, rms=rms: [rms]
+    step, sine = (
+        SimpleNamespace(held_variant=name, has_stepped_command=name == "step", use="fit", measured=True)
+        for name in ("step", "sine")
+    )
+    linear.experiments = [step, sine]
+    replace_computations(monkeypatch, chi2=0.0)
+    prepared = held_commands.prepare_held_commands(
+        linear, lambda trials: held if trials == ["step", "sine"] else stepped if trials == ["step", sine] else None
+    )
+    assert (prepared[0] if prepared else None) is {"held": held, "stepped": stepped, "": None}[expected]
+    assert prepared is None or prepared[1].startswith("The commands of trials") == (expected == "stepped")
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        pytest.param(np.repeat([1e5, 3e5, 2e5, 4e5], 40), True, id="steps"),
+        pytest.param(np.repeat([1e5, 3e5, 2e5], 40) + RNG.normal(0.0, 200.0, 120), True, id="measured steps"),
+        pytest.param(SMOOTH, False, id="a sine"),
+        pytest.param(np.r_[np.full(40, 1e5), SMOOTH], False, id="a step and a sine"),
+        pytest.param(np.repeat([1e5, 3e5], 40) + np.linspace(0.0, 1e5, 80), False, id="a step on a ramp"),
+        pytest.param(np.r_[np.full(40, 1e5), 2e5, np.full(40, 3e5)], False, id="a fast ramp"),
+    ],
+)
+def test_stepped_command_is_constant_between_its_steps(command: np.ndarray, expected: bool) -> None:
+    assert changes_in_steps(TimeSeries(INTERVAL_S * np.arange(len(command)), command)) is expected
 
 
 @pytest.mark.parametrize(

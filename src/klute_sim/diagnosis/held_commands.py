@@ -86,23 +86,36 @@ class Outcome(NamedTuple):
         return fit.bic(self.data.n_effective) - final.bic(self.data.n_effective)
 
 
-PRESSURE_REMARK = f"{HELD_REMARK}, and the measured pressure agrees with held ones only."
-"""Remark where measured pressures decide."""
+STEPS_REMARK = (
+    "The commands of trials in which they change in steps are taken as held until their next sample; those of the "
+    "other trials are linear between samples"
+)
+"""Beginning of the remark where commands are held in some trials only."""
+AGREEMENT = "and the measured pressure agrees with held ones only."
+"""End of a remark where measured pressures decide."""
 
 
 def prepare_held_commands(
     linear: Preparation, prepare: Callable[[list[Experiment]], Preparation]
-) -> Preparation | None:
-    """Return the trials with held commands if repeats of measured pressures agree with those only; else None.
+) -> tuple[Preparation, str] | None:
+    """Return the trials with held commands, and a remark, if repeats of measured pressures agree with those only.
 
-    They decide before any search: :func:`select_command_course` would choose held commands whatever is named.
+    They decide before any search: :func:`select_command_course` would choose held commands whatever is named. Commands
+    may also be held only in trials in which they change in steps: a program sets a step at a sample of its log, and a
+    smooth course between the samples, too. None where commands are linear, or the pressures do not decide.
     """
     if not has_repeats(linear.data.experiments) or not _has_held_variants(linear.experiments):
         return None
     if not _has_misfit(linear.data, linear.base_fit):
         return None
     held = prepare([e.held_variant or e for e in linear.experiments])
-    return held if _is_pressure_explained_by_course(linear, held) else None
+    if _is_pressure_explained_by_course(linear, held):
+        return held, f"{HELD_REMARK}, {AGREEMENT}"
+    changing = [e for e in linear.experiments if e.held_variant]
+    if not any(e.has_stepped_command for e in changing) or all(e.has_stepped_command for e in changing):
+        return None
+    stepped = prepare([(e.held_variant or e) if e.has_stepped_command else e for e in linear.experiments])
+    return (stepped, f"{STEPS_REMARK}, {AGREEMENT}") if _is_pressure_explained_by_course(linear, stepped) else None
 
 
 def _has_held_variants(experiments: list[Experiment]) -> bool:
@@ -136,7 +149,7 @@ def select_command_course(
     has_further_shift = held.n_time_shifts > linear.n_time_shifts
     is_decided = _is_pressure_explained_by_course(linear, held) or _is_less_left_by_course(linear, held)
     if is_decided or (not has_further_shift and _is_pressure_explained_by_names(linear, held)):
-        return held, [PRESSURE_REMARK]
+        return held, [f"{HELD_REMARK}, {AGREEMENT}"]
     # What the course of the command explains as well needs no name, a shift in time least of all.
     if has_further_shift or held.selected.verdict == "unexplained" != linear.selected.verdict:
         return linear, []

@@ -76,9 +76,10 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
         raise InputError("the diagnosis fitted nothing, so it cannot predict another dataset; see its reasons")
     check_predictable(diagnosis.dataset, dataset)
     experiments = [replace(e, use="fit") for e in prepare_experiments(dataset, split_dataset(dataset))]
-    # A command that is linear in the diagnosis has a variant that is held.
-    if any(e.holds_command for e in diagnosis.experiments) and not any(e.held_variant for e in diagnosis.experiments):
-        experiments = [e.held_variant or e for e in experiments]
+    if any(e.holds_command for e in diagnosis.experiments):
+        # A command that is linear in the diagnosis has a variant that is held.
+        holds_all = not any(e.held_variant for e in diagnosis.experiments)
+        experiments = [(e.held_variant or e) if holds_all or e.has_stepped_command else e for e in experiments]
     nominal = Hypothesis(dataset.device, (), ())
     base_hypothesis, base_x = _detach_setup(diagnosis.base_fit, dataset)
     final_hypothesis, final_x = _detach_setup(diagnosis.final_fit, dataset)

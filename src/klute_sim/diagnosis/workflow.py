@@ -32,7 +32,6 @@ from klute_sim.diagnosis.fitting.fit_cache import FitCache
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.held_commands import (
-    PRESSURE_REMARK,
     Outcome,
     Preparation,
     prepare_held_commands,
@@ -136,9 +135,9 @@ def _run_workflow(
 
     linear = prepare(experiments)
     held = prepare_held_commands(linear, prepare)
-    outcome = search_model(held or linear)
+    outcome = search_model(held[0] if held else linear)
     if held:
-        reasons.append(PRESSURE_REMARK)
+        reasons.append(held[1])
     elif outcome.selected.verdict != "nothing-missing":
         outcome, remarks = select_command_course(outcome, lambda trials: search_model(prepare(trials)), progress)
         reasons += remarks

@@ -214,6 +214,8 @@ class Experiment(ABC):
     """Tendon -> device of a mechanism; empty on a rig with one device."""
     holds_command: bool = False
     """Whether each command is held until the next sample; otherwise it is linear between samples."""
+    has_stepped_command: bool = False
+    """Whether each command that changes does so in steps, between which it is constant."""
     noisy_variants: "tuple[Experiment, ...]" = ()
     """For each prescribed channel with stated noise: the trial with this channel off by one standard deviation."""
 

@@ -27,6 +27,9 @@ MIN_REGULAR_FRACTION = 0.5
 MIN_CHANGE_SIZES = 4
 """Smallest number of different changes of a command that show updates (assumed). A slow ramp in the resolution of the
 log changes by the resolution alone, and a switched command by one step."""
+MIN_STEP_FRACTION, MAX_REST_FRACTION = 0.02, 0.05
+"""Smallest step of a command, and largest change beside its steps, over its range (assumed: a measured command has
+noise)."""
 
 
 def list_other_lengths(time: Array, length: TimeSeries) -> tuple[Array, ...]:
@@ -95,6 +98,18 @@ def shows_updates(command: TimeSeries) -> bool:
     if intervals.min() < 2 or len(np.unique(np.round(sizes / sizes.min(), 3))) < MIN_CHANGE_SIZES:
         return False
     return bool(np.mean(intervals == np.median(intervals)) >= MIN_REGULAR_FRACTION)
+
+
+def changes_in_steps(command: TimeSeries) -> bool:
+    """Return whether ``command`` is constant but for steps, no two of them in a row."""
+    difference = np.diff(command.value)
+    span = float(np.ptp(command.value))
+    is_step = np.abs(difference) > MIN_STEP_FRACTION * span
+    steps = np.flatnonzero(is_step)
+    if not len(steps) or (len(steps) > 1 and np.diff(steps).min() < 2):
+        return False
+    rest = np.cumsum(np.where(is_step, 0.0, difference))
+    return bool(np.ptp(rest) <= MAX_REST_FRACTION * span)
 
 
 def list_other_commands(time: Array, command: TimeSeries) -> tuple[Array, ...]:

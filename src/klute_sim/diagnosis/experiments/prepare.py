@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from klute_sim.datasets.channels import RigName
 from klute_sim.datasets.dataset import Dataset
 from klute_sim.datasets.split import Split
@@ -12,7 +14,7 @@ from klute_sim.device.device import check_accepts_pressure
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.bench import prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
-from klute_sim.diagnosis.experiments.interpolation import shows_updates
+from klute_sim.diagnosis.experiments.interpolation import changes_in_steps, shows_updates
 from klute_sim.diagnosis.experiments.mechanism import prepare_mechanism_trial
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
@@ -50,7 +52,10 @@ def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
         prepare_linear = TRIAL_PREPARERS[dataset.rig]
     else:
         prepare_linear = partial(prepare_mechanism_trial, dataset.mechanism)
-    is_held = any(shows_updates(s) for name, s in trial.prescribed.items() if name.startswith("pressure_command"))
+    commands = [
+        s for name, s in trial.prescribed.items() if name.startswith("pressure_command") and np.ptp(s.value) > 0
+    ]
+    is_held = any(map(shows_updates, commands))
 
     def prepare(trial: Trial, use: Use) -> Experiment:
         experiment = prepare_linear(trial, use)
@@ -61,4 +66,8 @@ def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
         series = trial.prescribed[channel]
         shifted = {**trial.prescribed, channel: series._replace(value=series.value + deviation)}
         variants.append(prepare(replace(trial, prescribed=shifted), use))
-    return replace(prepare(trial, use), noisy_variants=tuple(variants))
+    return replace(
+        prepare(trial, use),
+        has_stepped_command=bool(commands) and all(map(changes_in_steps, commands)),
+        noisy_variants=tuple(variants),
+    )
