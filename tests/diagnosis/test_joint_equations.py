@@ -1,6 +1,7 @@
 """Which equation of a joint has the misfit, and the data-driven term of its equation of motion."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,12 @@ import pytest
 
 from klute_sim.api.diagnosis import load_dataset
 from klute_sim.datasets.dataset import split_dataset
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import Device, load_device, parse_device
 from klute_sim.diagnosis.discrepancy.data_driven_rival import find_data_driven_rival
 from klute_sim.diagnosis.discrepancy.sparse_regression import add_data_driven_term, format_formula
+from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
@@ -19,6 +23,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hyp
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals, select_significant_equations
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.plant.mjcf.model_effects import ModelEffect
 from tests.diagnosis import synthetic_joint_dataset as joint
 
@@ -95,6 +100,44 @@ def test_without_forces_a_joint_is_checked_with_its_devices(tmp_path: Path, simu
 def test_joint_without_a_measured_position_has_no_equations(tmp_path: Path, simulator: Simulator) -> None:
     data, fit = weight(tmp_path, simulator, measured=("force_flexor", "pressure_flexor"))
     assert compute_equation_residuals(data, fit) == []
+
+
+@pytest.mark.parametrize("truth", ['braid_hysteresis]\nform = "coulomb"\nslope_n_per_bar = 6.0', ""])
+def test_force_of_a_driven_joint_is_checked(truth: str, tmp_path: Path, simulator: Simulator) -> None:
+    """On a dynamometer the position is prescribed, so it is known although nobody measures it."""
+    data, _ = weight(tmp_path, simulator)
+    true_device = add_effect(truth) if truth else PAIR
+    trials = [drive_joint(e, true_device, seed) for seed, e in enumerate(data.experiments)]
+    hypothesis = Hypothesis(PAIR, (), ())
+    (residuals,) = WeightedData(simulator, trials, {}).compute_residuals(hypothesis, [np.zeros(0)])
+    driven = WeightedData(simulator, trials, estimate_noise_from_repeats(trials, residuals))
+    equations = compute_equation_residuals(driven, fit_hypothesis(driven, hypothesis))
+    assert {residual.name for residual in equations} == {*DEVICES, *FORCES}
+    expected = {"muscle, damper or tendon of 'flexor'"} if truth else set()
+    assert {residual.name for residual in select_significant_equations(equations)} == expected
+
+
+def drive_joint(experiment: Experiment, true_flexor: Device, seed: int) -> Experiment:
+    """Return ``experiment`` with a prescribed angle instead of a measured one, simulated with ``true_flexor``."""
+    assert isinstance(experiment, MechanismExperiment)
+    rng, mechanism = np.random.default_rng(seed), experiment.mechanism
+    angle = 0.6 + 0.3 * np.sin(np.linspace(0.0, 9.0, len(experiment.command)))
+    driven = replace(
+        experiment,
+        mechanism=Mechanism(mechanism.file, mechanism.device_names, (*mechanism.prescribed, "angle_joint")),
+        inputs={**experiment.inputs, "angle_joint": angle},
+        outputs={name: binding for name, binding in experiment.outputs.items() if name != "angle_joint"},
+        initial_positions={},
+    )
+    (setup,) = Hypothesis(PAIR, (), ()).build_setups(np.zeros(0), [driven])
+    devices = {"flexor": true_flexor.parameters, "extensor": PAIR.parameters}
+    response = driven.simulate(setup._replace(devices=tuple(devices[name] for name in driven.devices)))
+    measured = {}
+    for name in driven.outputs:
+        time = experiment.measured[name].time
+        noise = joint.NOISE[name] * (1e5 if name.startswith("pressure") else 1.0) * rng.normal(size=len(time))
+        measured[name] = TimeSeries(time, np.interp(time, response.time, response.read_channel(name)) + noise)
+    return replace(driven, measured=measured)
 
 
 @pytest.mark.slow

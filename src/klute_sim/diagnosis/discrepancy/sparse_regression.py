@@ -107,7 +107,12 @@ def fit_data_driven_term(
     """
     terms = list_data_driven_terms(current, equation_residuals, exclude)
     if not terms:
-        return DataDrivenTermResult(None, "No data-driven term was fitted: no equation has a significant residual.")
+        cause = (
+            "no equation has a significant residual"
+            if equation_residuals
+            else "the measured channels check no equation of the device"
+        )
+        return DataDrivenTermResult(None, f"No data-driven term was fitted: {cause}.")
     supports = {name: find_supports(search.data, current, term) for name, term in terms.items()}
     equation = max(supports, key=lambda name: max((s.predicted_bic_gain for s in supports[name]), default=-np.inf))
     promising = [s for s in supports[equation] if s.predicted_bic_gain > 0.5 * search.bic_threshold]

@@ -146,11 +146,16 @@ class MechanismExperiment(Experiment):
 
     @cached_property
     def joint_kinds(self) -> Mapping[str, str]:
-        """Joint that is not driven -> kind of part; empty unless the position of every such joint is measured."""
-        n_joints = len(self.mechanism.spec.joints) - len(self.mechanism.driven_joints)
+        """Joint that is not driven -> kind of part; empty unless :attr:`has_known_motion`."""
         kinds = {name: kind for kind in JOINT_TYPES for name in self.parts.get(kind, ())}
+        return kinds if self.has_known_motion else {}
+
+    @property
+    def has_known_motion(self) -> bool:
+        """Whether the position of every joint is prescribed or measured."""
         measured = {b.name for b in self.outputs.values() if b.channel.quantity in MOTION_QUANTITIES}
-        return kinds if len(kinds) == n_joints and kinds.keys() <= measured else {}
+        known = measured | set(self.mechanism.driven_joints)
+        return all(joint.name in known for joint in self.mechanism.spec.joints)
 
     @property
     def informative_channels(self) -> tuple[str, ...]:

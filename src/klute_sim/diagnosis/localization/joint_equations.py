@@ -63,7 +63,7 @@ def list_mechanism_equations(experiment: MechanismExperiment) -> dict[str, Mecha
     pressure; without the forces of all devices, those of the others are simulated, and a joint is checked together with
     them. There are none unless the position of every joint that is not driven is measured.
     """
-    if not experiment.joint_kinds:
+    if not experiment.has_known_motion:
         return {}
     equations = []
     for device in experiment.devices:
