@@ -60,6 +60,24 @@ def test_numbers_are_read_and_changed_by_name() -> None:
     assert model.opt.gravity.tolist() == [1.5, 0.0, -9.81]
 
 
+def test_end_of_a_cable_stays_on_the_rim_of_a_larger_pulley() -> None:
+    """MuJoCo would not wrap the cable around a pulley that its end lies in."""
+    file, sizes = load_model_file("antagonist_joint"), {"model.geom.pulley.size_1": 0.03}
+    spec = file.make_spec()
+    set_model_numbers(spec, sizes)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    lengths = []
+    for angle in (-0.4, 1.6):
+        data.joint("joint").qpos[0] = angle
+        mujoco.mj_forward(model, data)
+        lengths.append(data.ten_length.copy())
+    assert (lengths[1] - lengths[0]) / 2.0 == pytest.approx([-0.03, 0.03], rel=1e-6)
+    spec = file.make_spec()
+    set_model_numbers(spec, {"model.site.flexor_insertion.pos_x": -0.02, **sizes})  # a stated position is kept
+    assert spec.site("flexor_insertion").pos[0] == -0.02
+
+
 def test_every_number_can_be_set_alone() -> None:
     file = load_model_file("knee_jig")
     for name, value in collect_model_numbers(file.make_spec()).items():

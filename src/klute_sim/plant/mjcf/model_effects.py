@@ -1,6 +1,6 @@
 """Effects of a mechanism in its MJCF: numbers of joints, pulleys and gravity, and the friction of a bristle."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import mujoco
@@ -16,12 +16,11 @@ from klute_sim.plant.joint_friction import (
     pack_friction,
     unpack_friction,
 )
+from klute_sim.plant.mjcf.pulleys import is_pulley, set_radius
 
 FRICTION_SOLREF, FRICTION_SOLIMP = (0.004, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
 """MuJoCo's solref and solimp of dry friction: as stiff as a time step of 2 ms allows, because the soft default creeps.
 """
-RIM_TOLERANCE = 0.1
-"""Distance from the rim of a pulley, over its radius, up to which the end of a cable is on it (assumed)."""
 JOINT_TYPES = {"hinge joint": mujoco.mjtJoint.mjJNT_HINGE, "slide joint": mujoco.mjtJoint.mjJNT_SLIDE}
 """Kind of a part -> type of joint."""
 
@@ -45,7 +44,7 @@ def list_parts(spec: mujoco.MjSpec) -> dict[str, tuple[str, ...]]:
         kind: tuple(joint.name for joint in spec.joints if joint.type == joint_type and joint.name)
         for kind, joint_type in JOINT_TYPES.items()
     }
-    pulleys = {wrap.target.name: None for tendon in spec.tendons for wrap in tendon.path if _is_pulley(wrap)}
+    pulleys = {wrap.target.name: None for tendon in spec.tendons for wrap in tendon.path if is_pulley(wrap)}
     return {**parts, "pulley": tuple(filter(None, pulleys)), "rig": ("",)}
 
 
@@ -72,7 +71,7 @@ def apply_model_effects(spec: mujoco.MjSpec, effects: Iterable[ModelEffect]) -> 
         elif hooks[0] == "pulley":
             pulley = spec.geom(part)
             radius = float(pulley.size[0])
-            _set_radius(spec, pulley, radius, law(p, radius))
+            set_radius(spec, pulley, radius, law(p, radius))
         else:
             gravity = tuple(float(value) for value in spec.option.gravity)
             spec.option.gravity = law(p, gravity)
@@ -152,35 +151,3 @@ def _find_actuator(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, name: str) -> mu
     actuator.target, actuator.trntype = joint.name, mujoco.mjtTrn.mjTRN_JOINT
     actuator.gaintype, actuator.gainprm[0] = mujoco.mjtGain.mjGAIN_FIXED, 0.0
     return actuator
-
-
-def _set_radius(spec: mujoco.MjSpec, pulley: mujoco.MjsGeom, before: float, after: float) -> None:
-    """Change the radius [m] of ``pulley``, and move the ends of cables that are on its rim with it."""
-    if after == before:
-        return
-    size = np.array(pulley.size, dtype=np.float64)
-    size[0] = after
-    pulley.size = size
-    center = np.asarray(pulley.pos, dtype=np.float64)
-    for site in _list_end_sites(spec, pulley):
-        offset = np.asarray(site.pos, dtype=np.float64) - center
-        if abs(float(np.linalg.norm(offset)) / before - 1.0) <= RIM_TOLERANCE:
-            site.pos = center + after / before * offset
-
-
-def _list_end_sites(spec: mujoco.MjSpec, pulley: mujoco.MjsGeom) -> Sequence[mujoco.MjsSite]:
-    """Return the sites on the body of ``pulley`` next to it on the path of a tendon, each once."""
-    sites = {}
-    for tendon in spec.tendons:
-        path = list(tendon.path)
-        for index, wrap in enumerate(path):
-            if _is_pulley(wrap) and wrap.target.name == pulley.name:
-                for neighbour in (path[k] for k in (index - 1, index + 1) if 0 <= k < len(path)):
-                    is_site = neighbour.type == mujoco.mjtWrap.mjWRAP_SITE
-                    if is_site and neighbour.target.parent.name == pulley.parent.name:
-                        sites[neighbour.target.name] = neighbour.target
-    return list(sites.values())
-
-
-def _is_pulley(wrap: mujoco.MjsWrap) -> bool:
-    return wrap.type in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)

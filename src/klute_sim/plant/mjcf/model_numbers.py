@@ -13,9 +13,12 @@ import mujoco
 import numpy as np
 
 from klute_sim.errors import InputError, suggest_from
+from klute_sim.plant.mjcf.pulleys import set_radius
 
 PREFIX = "model."
 """Beginning of the name of each number of a model."""
+RADIUS = "size_1"
+"""Number of a geom that is the radius of a sphere or a cylinder."""
 
 
 class NumberPath(NamedTuple):
@@ -71,11 +74,15 @@ def collect_model_numbers(spec: mujoco.MjSpec) -> dict[str, float]:
 
 
 def set_model_numbers(spec: mujoco.MjSpec, values: Mapping[str, float]) -> None:
-    """Set numbers of ``spec`` (name -> value); raises InputError for an unknown name or a value that is not finite."""
+    """Set numbers of ``spec`` (name -> value); raises InputError for an unknown name or a value that is not finite.
+
+    The ends of cables on the rim of a pulley move with its radius, unless ``values`` state where they are: MuJoCo wraps
+    no tendon around a geom that its end lies in.
+    """
     if not values:
         return
     elements = _list_elements(spec)
-    for name, value in values.items():
+    for name, value in sorted(values.items(), key=lambda item: not item[0].endswith(f".{RADIUS}")):
         title, _, number = name.removeprefix(PREFIX).rpartition(".")
         element, paths = elements.get(title), NUMBERS.get(title.split(".")[0], {})
         if element is None or number not in paths or not math.isfinite(_read(element, paths[number])):
@@ -83,7 +90,10 @@ def set_model_numbers(spec: mujoco.MjSpec, values: Mapping[str, float]) -> None:
             raise InputError(f"'{name}' is not a number of the model; {suggest_number(name, known)}")
         if not math.isfinite(value):
             raise InputError(f"'{name}' is {value}; allowed: a finite number")
-        _write(element, paths[number], value)
+        if number == RADIUS and value > 0.0:
+            set_radius(spec, element, float(element.size[0]), value)
+        else:
+            _write(element, paths[number], value)
 
 
 def suggest_number(name: str, known: Iterable[str]) -> str:
