@@ -5,12 +5,13 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 import mujoco
 
 from klute_sim.datasets import unit_conversion
-from klute_sim.datasets.channels import TIME_COLUMN
+from klute_sim.datasets.channels import TIME_COLUMN, MechanismChannels
 from klute_sim.datasets.checks import build_simulation, collect_samples, compute_device_limits
 from klute_sim.datasets.mechanism import DatasetMechanism
 from klute_sim.datasets.mechanism_channels import QUANTITIES, normalize_name, parse_channel
 from klute_sim.datasets.mechanism_motion import check_motion, describe_starts
 from klute_sim.datasets.mechanism_paths import find_moved_tendons, list_stops, measure_paths
+from klute_sim.datasets.mechanism_wraps import list_wraps
 from klute_sim.datasets.trial import Trial
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
@@ -24,6 +25,9 @@ from klute_sim.plausibility.joint_angle import check_joint_angle
 from klute_sim.plausibility.mechanism import check_stuck_joint, check_tendon_pressures
 from klute_sim.plausibility.model_numbers import ModelSize, check_model_sizes, check_reach
 from klute_sim.plausibility.samples import Samples
+from klute_sim.plausibility.slide_position import check_slide_position
+from klute_sim.plausibility.stop_unit import check_stop_unit
+from klute_sim.plausibility.wrapping import Wrap, check_wrap
 
 
 def find_implausible(
@@ -64,6 +68,7 @@ def find_implausible(
             if name.startswith(("angle_", "position_")):
                 driving = [each for tendon, each in devices.items() if tendon in moved_tendons.get(name, ())]
                 findings += _check_position(trial, channel.samples, stops.get(name), driving)
+    findings += _check_stop_units(trials, units, stops, mechanism.channels)
     findings += check_tendon_pressures({tendon: each for tendon, each in by_tendon.items() if each})
     questioned_places = frozenset(finding.place for finding in findings)
     findings = [*model_findings, *findings]
@@ -129,9 +134,32 @@ def _check_position(
         findings = check_joint_angle(samples.channel, samples.value, samples.unit, stops, place)
         if findings:
             return findings
+    if stops is not None and samples.channel.startswith("position_"):
+        findings = check_slide_position(samples, stops, place)
+        if findings:
+            return findings
     if samples.channel not in trial.measured:
         return []
     return check_stuck_joint(samples, driving, stops, place)
+
+
+def _check_stop_units(
+    trials: Sequence[Trial],
+    units: Sequence[Mapping[str, str]],
+    stops: Mapping[str, tuple[float, float]],
+    channels: MechanismChannels,
+) -> list[Finding]:
+    """Return findings for hinges whose stops are in degrees that the model takes for radians."""
+    findings = []
+    for name in (name for name in (*channels.prescribed, *channels.measured) if name.startswith("angle_")):
+        recorded = [
+            (f"trial '{trial.name}'", samples[name])
+            for trial, trial_units in zip(trials, units, strict=True)
+            if name in (samples := collect_samples(trial, trial_units, channels))
+        ]
+        if recorded and name in stops:
+            findings += check_stop_unit([samples for _, samples in recorded], stops[name], recorded[0][0])
+    return findings
 
 
 def _list_device_channels(trial: Trial, samples: Mapping[str, Samples]) -> dict[str, dict[str, Channel]]:
@@ -177,6 +205,7 @@ def _find_implausible_model(
     gravity_of_file = [declared[f"model.option.gravity_{axis}"] for axis in "xyz"]
     findings: list[Finding] = []
     paths: dict[tuple[tuple[str, float], ...], dict[str, tuple[float, float]]] = {}
+    wraps: dict[tuple[tuple[str, float], ...], list[Wrap]] = {}
     for trial in trials:
         place, numbers = f"trial '{trial.name}'", {**declared, **trial.model_numbers}
         findings += check_gravity([numbers[f"model.option.gravity_{axis}"] for axis in "xyz"], place, gravity_of_file)
@@ -188,8 +217,10 @@ def _find_implausible_model(
         if key not in paths:
             changed = mechanism.compile_model(trial.model_numbers)
             paths[key] = {} if changed is None else measure_paths(changed, [*mechanism.devices])
+            wraps[key] = [] if changed is None else list_wraps(changed, [*mechanism.devices])
         for tendon, path in paths[key].items():
             parameters = trial.devices[tendon].parameters
             unit_length = parameters.muscle.resting_length + parameters.tendon.slack_length
             findings += check_reach(tendon, path, unit_length, place)
+        findings += [finding for wrap in wraps[key] for finding in check_wrap(wrap, place)]
     return findings

@@ -1,6 +1,6 @@
 """Paths of the tendons of a model: how long they are between the stops of the joints, and which joints change them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -28,17 +28,32 @@ def list_stops(model: mujoco.MjModel) -> dict[str, tuple[float, float]]:
 
 def measure_paths(model: mujoco.MjModel, tendons: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Return tendon -> its shortest and its longest path [m] while all joints go from one stop to the other."""
-    limited = [index for index in _list_scalar_joints(model) if model.jnt_limited[index]]
-    lengths = _measure_lengths(model, {index: _list_positions(model, index) for index in limited})
+    lengths = measure_lengths(model, list_poses(model))
     paths = {tendon: lengths[:, model.tendon(tendon).id] for tendon in tendons}
     return {tendon: (float(path.min()), float(path.max())) for tendon, path in paths.items()}
+
+
+def list_poses(model: mujoco.MjModel) -> Array:
+    """Return positions of all joints, one pose per row, while all joints go from one stop to the other."""
+    return _build_poses(model, [index for index in _list_scalar_joints(model) if model.jnt_limited[index]])
+
+
+def measure_lengths(model: mujoco.MjModel, poses: Array) -> Array:
+    """Return the length [m] of every tendon in each of the ``poses``; NaN where a position is."""
+    data = mujoco.MjData(model)
+    lengths = np.full((len(poses), model.ntendon), np.nan)
+    for index in np.flatnonzero(np.isfinite(poses).all(axis=1)):
+        data.qpos[:] = poses[index]
+        mujoco.mj_fwdPosition(model, data)
+        lengths[index] = data.ten_length
+    return lengths
 
 
 def find_moved_tendons(model: mujoco.MjModel) -> dict[str, frozenset[str]]:
     """Return channel of each joint -> tendons whose paths change while this joint moves alone."""
     moved: dict[str, frozenset[str]] = {}
     for index in _list_scalar_joints(model):
-        changes = np.ptp(_measure_lengths(model, {index: _list_positions(model, index)}), axis=0)
+        changes = np.ptp(measure_lengths(model, _build_poses(model, [index])), axis=0)
         names = frozenset(model.tendon(int(each)).name for each in np.flatnonzero(changes > MIN_PATH_CHANGE))
         moved |= dict.fromkeys(_list_channels(model, index), names)
     return moved
@@ -59,13 +74,9 @@ def _list_positions(model: mujoco.MjModel, index: int) -> Array:
     return np.linspace(float(low), float(high), N_PATH_POSITIONS)
 
 
-def _measure_lengths(model: mujoco.MjModel, positions: Mapping[int, Array]) -> Array:
-    """Return the length [m] of every tendon at each of the ``positions`` (index of a joint -> its positions)."""
-    data = mujoco.MjData(model)
-    lengths = []
-    for number in range(N_PATH_POSITIONS):
-        for index, values in positions.items():
-            data.qpos[model.jnt_qposadr[index]] = values[number]
-        mujoco.mj_fwdPosition(model, data)
-        lengths.append(data.ten_length.copy())
-    return np.array(lengths)
+def _build_poses(model: mujoco.MjModel, joints: Sequence[int]) -> Array:
+    """Return poses in which ``joints`` move and all others stay."""
+    poses = np.tile(model.qpos0, (N_PATH_POSITIONS, 1))
+    for index in joints:
+        poses[:, model.jnt_qposadr[index]] = _list_positions(model, index)
+    return poses

@@ -6,6 +6,8 @@ from typing import NamedTuple
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.units import round_digits
 
+GEOMETRY_NAME = "length-geometry"
+"""Name of a finding about the path of a tendon."""
 MAX_LENGTH_RATIO = 10.0
 """Largest ratio of a size or coordinate to the size of the model (assumed; mm for m is a factor of 1000)."""
 MAX_MASS_RATIO = 100.0
@@ -61,4 +63,4 @@ def check_reach(tendon: str, path: tuple[float, float], unit_length: float, plac
         f"{length} long at rest, so {effect}; correct the sites of the tendon in the model or in [numbers], or the "
         "lengths of the device"
     )
-    return [Finding("length-geometry", place, statement)]
+    return [Finding(GEOMETRY_NAME, place, statement)]
