@@ -15,7 +15,7 @@ OSCILLATION = np.radians(5.0) * np.sin(13.0 * TIME)
 
 def make_course(measured: Array, period: float = 0.5) -> Course:
     samples = Samples("angle_elbow", measured, "deg", np.pi / 180.0)
-    return Course(samples, TIME, EXPECTED, period, STOP_RANGE, "trial 'a'")
+    return Course(samples, TIME, EXPECTED, period, STOP_RANGE, STOP_RANGE, "trial 'a'")
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,7 @@ def _list_courses(mechanism: DatasetMechanism, trials: Sequence[tuple[Trial, Map
                 statics.find_rest(pressures),
                 statics.compute_natural_period(pressures),
                 float(np.ptp(statics.positions)),
+                statics.compute_reach(),
                 f"trial '{trial.name}'",
             )
         )

@@ -1,19 +1,21 @@
 """Position at which a mechanism with one joint rests under pressures, which a slow motion follows."""
 
 from collections.abc import Mapping
+from itertools import product
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from klute_sim.datasets.mechanism import DatasetMechanism
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import compute_tension
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.errors import KluteSimError
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 
-N_STATIC_POSITIONS = 33
+N_STATIC_POSITIONS = 129
 """Number of positions between the stops."""
 N_STATIC_PRESSURES = 7
 """Number of pressures from 0 to that of the supply."""
@@ -36,24 +38,34 @@ class Statics(NamedTuple):
     def find_rest(self, pressures: Mapping[str, Array]) -> Array:
         """Return the stable position under each sample of the ``pressures`` (tendon -> Pa), a stop where none is."""
         total = self._compute_moments(pressures)
-        is_stable = (total[:, :-1] > 0.0) & (total[:, 1:] <= 0.0)
-        first = np.argmax(is_stable, axis=1)
+        is_stable, first = _find_stable(total)
         rows = np.arange(len(total))
         above, below = total[rows, first], total[rows, first + 1]
         step = np.where(above > below, above / np.where(above > below, above - below, 1.0), 0.0)
         inner = self.positions[first] + step * (self.positions[1] - self.positions[0])
         at_stop = np.where(total[:, 0] > 0.0, self.positions[-1], self.positions[0])
-        rest: Array = np.where(is_stable.any(axis=1), inner, at_stop)
+        rest: Array = np.where(is_stable, inner, at_stop)
         return rest
 
-    def compute_natural_period(self, pressures: Mapping[str, Array]) -> float:
-        """Return the period [s] of a free oscillation with the median stiffness under ``pressures`` (tendon -> Pa).
+    def compute_reach(self) -> float:
+        """Return the distance between the extreme positions of rest under pressures of no or full supply [rad or m]."""
+        extremes = np.array([*product(*((levels[0], levels[-1]) for levels in self.pressures.values()))])
+        rest = self.find_rest(dict(zip(self.pressures, extremes.T, strict=True)))
+        return float(np.ptp(rest))
 
-        The median is that over all samples and all positions with a stiffness; without one, the period is infinite.
+    def compute_natural_period(self, pressures: Mapping[str, Array]) -> float:
+        """Return the period [s] of a free oscillation about the positions of rest under ``pressures`` (tendon -> Pa).
+
+        Its stiffness is the median over all samples that rest between the stops; without one, the period is infinite.
         """
-        slopes = np.gradient(self._compute_moments(pressures), self.positions, axis=1)
-        stiffness = -float(np.median(slopes[slopes < 0.0])) if (slopes < 0.0).any() else 0.0
-        return 2.0 * np.pi * float(np.sqrt(self.inertia / stiffness)) if stiffness > 0.0 else np.inf
+        total = self._compute_moments(pressures)
+        is_stable, first = _find_stable(total)
+        rows = np.flatnonzero(is_stable)
+        if len(rows) == 0:
+            return np.inf
+        drops = total[rows, first[rows]] - total[rows, first[rows] + 1]
+        stiffness = float(np.median(drops)) / float(self.positions[1] - self.positions[0])
+        return 2.0 * np.pi * float(np.sqrt(self.inertia / stiffness))
 
     def _compute_moments(self, pressures: Mapping[str, Array]) -> Array:
         """Return the moments at each sample of the ``pressures`` and each position."""
@@ -66,6 +78,13 @@ class Statics(NamedTuple):
             share = (position - low)[:, np.newaxis]
             total += (1.0 - share) * moments[low] + share * moments[high]
         return total
+
+
+def _find_stable(total: Array) -> tuple[Mask, NDArray[np.intp]]:
+    """Return whether each row of ``total`` moments has a stable position, and the index below the first of them."""
+    crossings: Mask = (total[:, :-1] > 0.0) & (total[:, 1:] <= 0.0)
+    is_stable: Mask = np.any(crossings, axis=1)
+    return is_stable, np.argmax(crossings, axis=1)
 
 
 def compute_statics(
@@ -107,15 +126,22 @@ def _solve_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     return float(solution[0, 0])
 
 
+def compute_static_tension(device: Device, pressure: float, length: float) -> float:
+    """Return the tension [N] of a unit at rest at ``pressure`` [Pa] and ``length`` [m]; NaN where its laws fail."""
+    parameters = device.parameters
+    try:
+        state = compute_equilibrium_state(parameters, length, pressure)
+        return max(compute_tension(parameters, state, length, 0.0), 0.0)
+    except (KluteSimError, ArithmeticError, ValueError):  # the laws fail at lengths that no device has
+        return np.nan
+
+
 def _compute_forces(device: Device, pressures: Array, lengths: Array) -> Array | None:
     """Return the tension [N] at each pressure [Pa] and length [m] of a unit at rest; None where it has none."""
-    parameters = device.parameters
-    forces = np.zeros((len(pressures), len(lengths)))
-    try:
-        for i, pressure in enumerate(pressures):
-            for k, length in enumerate(lengths):
-                state = compute_equilibrium_state(parameters, float(length), float(pressure))
-                forces[i, k] = compute_tension(parameters, state, float(length), 0.0)
-    except (KluteSimError, ArithmeticError, ValueError):  # the laws fail at lengths that no device has
-        return None
-    return np.maximum(forces, 0.0) if np.isfinite(forces).all() else None
+    forces = np.array(
+        [
+            [compute_static_tension(device, float(pressure), float(length)) for length in lengths]
+            for pressure in pressures
+        ]
+    )
+    return forces if np.isfinite(forces).all() else None

@@ -1,4 +1,4 @@
-"""Course of the angle of a joint: its sign, its unit and its zero, by the angle at which the declared model rests.
+"""Course of the position of a joint: its sign, its unit and its zero, by where the declared model rests.
 
 The model at rest under the commands of each moment follows a slow motion. An oscillation that it lacks is averaged out
 over the natural period of the joint. Numbers of a model that are 20 % off hardly change the course.
@@ -13,12 +13,12 @@ import numpy as np
 from klute_sim.plausibility.bench.trial import RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.samples import Samples, compute_correlation
-from klute_sim.plausibility.units import format_range, format_value
+from klute_sim.plausibility.units import UNITS, format_range, format_value
 from klute_sim.types import Array
 
 MIN_MOTION = 0.05
-"""Smallest standard deviation of the expected motion, over the distance between the stops, that shows a course
-(assumed)."""
+"""Smallest standard deviation of the expected motion, over the range in which the devices can move the joint, that
+shows a course (assumed)."""
 MIN_SLOW_SHARE = 0.5
 """Smallest share of that deviation which an average over the natural period must leave (assumed)."""
 MIN_PERIODS = 3.0
@@ -29,6 +29,9 @@ MAX_SCALE = 3.0
 """Largest ratio of the measured to the expected motion, or of the expected to the measured one (assumed)."""
 UNIT_TOLERANCE = 1.5
 """Largest ratio of a scale to that of a wrong unit (assumed)."""
+MIN_UNIT_RATIO = 20.0
+"""Smallest ratio of two units that are told apart (assumed: a joint that rubs, or a stiff spring, moves several times
+less than expected)."""
 MAX_ZERO_ERROR = 0.5
 """Largest distance of the measured from the expected angle, over the distance between the stops (assumed: a model
 whose lengths are some per cent off rests elsewhere)."""
@@ -49,6 +52,8 @@ class Course(NamedTuple):
     """Typical period of a free oscillation [s]."""
     stop_range: float
     """Distance between the stops [rad or m]."""
+    reach: float
+    """Range in which the devices can move the joint [rad or m]."""
     place: str
     """Name of the trial in messages."""
 
@@ -76,10 +81,9 @@ def check_courses(courses: Sequence[Course]) -> list[Finding]:
     scale = float(np.median([each.scale for each in compared]))
     if sign < 0.0:
         return [_describe_sign(each) for each in compared] if 1.0 / MAX_SCALE < scale < MAX_SCALE else []
-    samples = compared[0].course.samples
-    is_in_degrees = samples.channel.startswith("angle_") and samples.unit != "rad"
-    if is_in_degrees and 1.0 / UNIT_TOLERANCE < np.degrees(scale) < UNIT_TOLERANCE:
-        return [_describe_radians(each) for each in compared]
+    unit = _guess_unit(compared[0].course.samples, scale)
+    if unit:
+        return [_describe_unit(each, unit) for each in compared]
     offset = float(np.median([each.offset for each in compared]))
     if 1.0 / MAX_SCALE < scale < MAX_SCALE and abs(offset) > MAX_ZERO_ERROR * courses[0].stop_range:
         return [_describe_zero(each, offset) for each in compared]
@@ -96,10 +100,20 @@ def _compare(course: Course) -> _Comparison | None:
     width = max(1, round(course.natural_period / (uniform[1] - uniform[0])))
     measured, slow = (_average(np.interp(uniform, time, values), width) for values in (measured, expected))
     motion = float(np.std(slow))
-    if motion < MIN_MOTION * course.stop_range or motion < MIN_SLOW_SHARE * float(np.std(expected)):
+    if motion < MIN_MOTION * course.reach or motion < MIN_SLOW_SHARE * float(np.std(expected)):
         return None
     correlation = compute_correlation(measured, slow)
     return _Comparison(course, correlation, float(np.std(measured)) / motion, float(np.median(measured - slow)))
+
+
+def _guess_unit(samples: Samples, scale: float) -> str:
+    """Return the unit in which ``samples`` move by ``scale`` times the expected motion; '' if there is none."""
+    for unit, factor in UNITS["rad" if samples.channel.startswith("angle_") else "m"].items():
+        ratio = samples.factor / factor
+        is_far = max(ratio, 1.0 / ratio) > MIN_UNIT_RATIO
+        if is_far and 1.0 / UNIT_TOLERANCE < scale / ratio < UNIT_TOLERANCE:
+            return unit
+    return ""
 
 
 def _average(values: Array, width: int) -> Array:
@@ -123,9 +137,9 @@ def _describe_sign(comparison: _Comparison) -> Finding:
     return Finding(f"{course.samples.channel}-sign", course.place, statement)
 
 
-def _describe_radians(comparison: _Comparison) -> Finding:
+def _describe_unit(comparison: _Comparison, unit: str) -> Finding:
     course = comparison.course
-    statement = f"{_state(comparison)}, with the same course: is its unit rad? Correct the heading"
+    statement = f"{_state(comparison)}, with the same course: is its unit {unit}? Correct the heading"
     return Finding(f"{course.samples.channel}-unit", course.place, statement)
 
 
