@@ -9,6 +9,7 @@ from klute_sim.datasets.channels import TIME_COLUMN, MechanismChannels
 from klute_sim.datasets.checks import build_simulation, collect_samples, compute_device_limits
 from klute_sim.datasets.mechanism import DatasetMechanism
 from klute_sim.datasets.mechanism_channels import QUANTITIES, normalize_name, parse_channel
+from klute_sim.datasets.mechanism_load_checks import check_loads
 from klute_sim.datasets.mechanism_motion import check_motion, describe_starts
 from klute_sim.datasets.mechanism_paths import find_moved_tendons, list_stops, measure_paths
 from klute_sim.datasets.mechanism_wraps import list_wraps
@@ -82,7 +83,10 @@ def find_implausible(
             tendon: [each for each in recorded if each.place not in questioned_places]
             for tendon, recorded in by_tendon.items()
         }
-        findings += check_motion(mechanism, trusted, devices_of_trusted, accepted)
+        motion = check_motion(mechanism, trusted, devices_of_trusted, accepted)
+        findings += motion
+        if are_accepted(motion, accepted):
+            findings += check_loads(mechanism, trusted, accepted)
     return TrialFindings(findings, questioned_places)
 
 
