@@ -14,6 +14,7 @@ from klute_sim.datasets.dataset import Dataset, split_dataset
 from klute_sim.datasets.split import Split
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.absent_effect import remove_absent_effects
+from klute_sim.diagnosis.condition_registration import describe_condition_registration
 from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import Experiment
@@ -150,6 +151,8 @@ def _run_workflow(
     fit = selected.final_fit
     names = [parameter.name for parameter in fit.hypothesis.parameters]
     reasons += describe_registration(zip(names, fit.values, selected.confidence_intervals, strict=True))
+    if selected.verdict != "nothing-missing":
+        reasons += describe_condition_registration(data, base_fit)
     reasons += filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
     reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit)]
     if dataset.tolerance and selected.verdict != "nothing-missing":
