@@ -67,6 +67,13 @@ def test_simplest_model_within_one_standard_error_is_chosen() -> None:
     assert choose_model([BASE], ALL) is BASE
 
 
+def test_absurd_model_says_nothing_of_what_there_is_to_explain() -> None:
+    """A number that took the cable off its pulley predicted 61 times worse, and nothing seemed to be missing."""
+    single, absurd = make_model((FRICTION,), [0.1] * 6), make_model((RADIUS,), [300.0] * 6)
+    assert choose_model([BASE, single, absurd], ALL) is single
+    assert choose_model([BASE, absurd], ALL) is BASE
+
+
 def test_model_that_is_far_worse_in_one_fold_and_better_in_none_is_not_as_good() -> None:
     """The pressure changes in one condition only: a delay in place of a lag is wrong there, and nowhere else."""
     lag, delay = make_model((FRICTION,), [0.1] * 6), make_model((TAPER,), [9.0, 0.1, 0.1, 0.1, 0.1, 0.1])

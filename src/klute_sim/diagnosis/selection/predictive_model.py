@@ -211,7 +211,7 @@ def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp], noi
 
     - the best prediction of ``folds`` is better by more than one standard error, that of the differences between the
       two models over the folds, which are paired;
-    - the best prediction takes at least :data:`MIN_TERM_SHARE` more of the largest error;
+    - the best prediction takes at least :data:`MIN_TERM_SHARE` more of the error of the model without terms;
     - a larger model takes, with each of its further terms, at least :data:`MIN_PARTIAL_SHARE` of what the terms before
       leave above ``noise`` (partial coefficients of determination), :data:`MIN_FAULT_SHARE` with a wrong number or a
       fault of an instrument. The error of the law is the same in all specimens, so any flexible term takes a part of
@@ -232,7 +232,9 @@ def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp], noi
         return n_further > 0 and errors[id(larger)] - noise <= left * (errors[id(model)] - noise)
 
     best = min(models, key=rank)
-    margin = MIN_TERM_SHARE * (max(errors.values()) - errors[id(best)])
+    # Other models may predict far worse than the one without terms, and say nothing of what there is to explain.
+    unexplained = [errors[id(model)] for model in models if not model.terms]
+    margin = MIN_TERM_SHARE * (max(unexplained or errors.values()) - errors[id(best)])
     good = [
         model
         for model in models
