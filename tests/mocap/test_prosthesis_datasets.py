@@ -114,6 +114,31 @@ def test_files_keep_their_sampling_rates(gait_recording: Recording, tmp_path: Pa
     assert any("with an offset below 10 ms" in sentence for sentence in imported.log.derived)
 
 
+def remove_markers(path: Path, *names: str) -> None:
+    markers = trc.read(path)
+    positions = {name: position for name, position in markers.positions.items() if name[2:].lower() not in names}
+    trc.write(trc.Markers(markers.time, positions), path)
+
+
+@pytest.mark.parametrize("removed", [("hip",), ("hip", "heel"), ("hip", "heel", "toe")])
+def test_markers_of_the_shank_are_enough(removed: tuple[str, ...], gait_recording: Recording, tmp_path: Path) -> None:
+    """A person with a prosthesis may wear markers on the prosthesis only."""
+    files = export_lab_files(tmp_path / "lab", gait_recording)
+    expected = import_trials(files).trials[0].channels
+    remove_markers(files[0], *removed)
+    if "heel" in removed:
+        with pytest.raises(InputError, match=r"no foot was recognised .* or state forward and up under \[axes\]"):
+            import_trials(files)
+    axes = mapping.ImportMapping(axes={"forward": "x", "up": "y"})
+    channels = import_trials(files, replace(RAW, mapping=axes)).trials[0].channels
+    assert channels.keys() == expected.keys()
+    for name, series in channels.items():
+        assert series.value == pytest.approx(expected[name].value, nan_ok=True), name
+    remove_markers(files[0], "knee")
+    with pytest.raises(InputError, match=r"the right leg has no markers for knee; name them"):
+        import_trials(files, replace(RAW, mapping=axes))
+
+
 def test_files_of_equal_names_are_distinguished_by_folder(gait_recording: Recording, tmp_path: Path) -> None:
     delayed = Recording(
         {n: s + (n == "time") for n, s in gait_recording.channels.items()},

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from klute_sim.gait.contacts import Contact
-from klute_sim.mocap.kinematics.from_markers import LegLandmarks
+from klute_sim.mocap.kinematics.from_markers import LANDMARKS, LegLandmarks
 from klute_sim.mocap.kinematics.loads import GroundReaction
 from klute_sim.mocap.parsing.channel_names import Side
 from klute_sim.plausibility.finding import Finding
@@ -26,10 +26,7 @@ def find_landmark_findings(
 ) -> list[Finding]:
     """Return what is implausible in the ``landmarks`` of the legs in the walking frame."""
     place = f"file {file_name}"
-    legs: dict[str, Mapping[str, Array]] = {
-        side: {"hip": leg.hip, "knee": leg.knee, "ankle": leg.ankle, "heel": leg.heel, "toe": leg.toe}
-        for side, leg in landmarks.items()
-    }
+    legs: dict[str, Mapping[str, Array]] = {side: _select_known(leg) for side, leg in landmarks.items()}
     findings = markers.find_length_unit(list(legs.values()), place)
     if findings or not legs:
         return findings
@@ -43,6 +40,11 @@ def find_landmark_findings(
     if stature is not None and not findings:
         findings += markers.find_stature(next(iter(legs.values())), stature, place)
     return findings
+
+
+def _select_known(leg: LegLandmarks) -> dict[str, Array]:
+    positions = {name: getattr(leg, name) for name in LANDMARKS}
+    return {name: position for name, position in positions.items() if np.isfinite(position).any()}
 
 
 def find_side_findings(knee: Series, contacts: Sequence[Contact], side: Side, file_name: str) -> list[Finding]:

@@ -1,5 +1,6 @@
 """Landmarks of a leg in the sagittal plane from markers: joint centres, inclinations of thigh, shank and foot."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +12,15 @@ from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.markers import MarkerRoles, WalkingFrame, compute_mean_position
 from klute_sim.types import Array
 
+LANDMARKS = ("hip", "knee", "ankle", "heel", "toe")
+"""Names of the landmarks of a leg."""
 MIN_CLUSTER_FRAMES = 20
 """Smallest number of frames with both clusters visible that determine a joint centre."""
 
 
 @dataclass(frozen=True, eq=False)
 class LegLandmarks:
-    """Landmarks (n, 3) of a leg in the components forward, up, right [m]."""
+    """Landmarks (n, 3) of a leg in the components forward, up, right [m]; NaN where one is unknown."""
 
     time: Array
     """Uniform sample times (n,) [s]."""
@@ -70,25 +73,31 @@ def preprocess_markers(markers: Markers, frame: WalkingFrame, cutoff: float, fil
 
 
 def locate_landmarks(
-    markers: Markers, roles: MarkerRoles, side: Side, file_name: str, log: ImportLog
+    markers: Markers,
+    roles: MarkerRoles,
+    side: Side,
+    file_name: str,
+    log: ImportLog,
+    required: Collection[str] = LANDMARKS,
 ) -> LegLandmarks | None:
     """Return the landmarks of the leg of ``side`` from ``markers`` in the walking frame.
 
-    Returns None and logs the reason if markers are missing.
+    Landmarks without markers are NaN. Returns None and logs the reason if a ``required`` one has no markers.
     """
     heel, toe = (compute_mean_position(markers, roles.select(side, role)) for role in ("heel", "toe"))
     knee = _locate_joint(markers, roles, side, "knee", ("thigh",), ("shank",), file_name, log)
     ankle = _locate_ankle(markers, roles, side, file_name, log)
     hip = _locate_hip(markers, roles, side, file_name, log)
-    points = {"hip": hip, "knee": knee, "ankle": ankle, "heel": heel, "toe": toe}
-    missing = [name for name, point in points.items() if point is None]
-    if missing or hip is None or knee is None or ankle is None or heel is None or toe is None:
+    points = dict(zip(LANDMARKS, (hip, knee, ankle, heel, toe), strict=True))
+    missing = [name for name in required if points[name] is None]
+    if missing:
         log.add_missing(
             f"{file_name}: the {side} leg has no markers for {' and '.join(missing)}; name them in a file for --map, "
             f"under [markers.{side}]"
         )
         return None
-    return LegLandmarks(markers.time, hip, knee, ankle, heel, toe)
+    unknown = np.full((len(markers.time), 3), np.nan)
+    return LegLandmarks(markers.time, *(unknown if point is None else point for point in points.values()))
 
 
 def _locate_hip(markers: Markers, roles: MarkerRoles, side: Side, file_name: str, log: ImportLog) -> Array | None:

@@ -16,6 +16,9 @@ from klute_sim.mocap.parsing.channel_lookup import Column, apply_given_sign, fin
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.sources import SourceFile
 
+REQUIRED_LANDMARKS = ("knee", "ankle")
+"""Landmarks that determine the inclination of the shank and the position of the ankle."""
+
 
 @dataclass(frozen=True, eq=False)
 class ProsthesisKinematics:
@@ -28,7 +31,7 @@ class ProsthesisKinematics:
     from_plates: bool
     """Whether the loads come from force plates in the frame of the motion."""
     ankle_angle: TimeSeries | None = None
-    """Angle between the shank and the line from heel to toe by markers [deg]."""
+    """Angle between the shank and the line from heel to toe by markers [deg]; None without markers of the foot."""
 
 
 def find_named_sides(trial: Sequence[SourceFile], options: ImportOptions) -> set[Side]:
@@ -90,7 +93,9 @@ def _extract_from_markers(
     frame = markers.find_walking_frame(source.markers, roles, options.mapping, source.name, log)
     unfiltered = from_markers.preprocess_markers(source.markers, frame, 0.0, source.name)
     landmarks = {
-        s: from_markers.locate_landmarks(unfiltered, roles, s, source.name, log if s == side else ImportLog())
+        s: from_markers.locate_landmarks(
+            *(unfiltered, roles, s, source.name, log if s == side else ImportLog()), required=REQUIRED_LANDMARKS
+        )
         for s in SIDES
     }
     leg, right, left = landmarks[side], landmarks["right"], landmarks["left"]
@@ -114,8 +119,11 @@ def _extract_from_markers(
         "ankle_x": TimeSeries(leg.time, leg.ankle[:, 0]),
         "ankle_z": TimeSeries(leg.time, leg.ankle[:, 1] - ground_height),
     }
-    ankle_angle = TimeSeries(leg.time, leg.shank_angle - leg.foot_pitch)
-    return ProsthesisKinematics(channels, foot_loads, bool(plates), ankle_angle)
+    ankle_angle = leg.shank_angle - leg.foot_pitch
+    has_foot = bool(np.isfinite(ankle_angle).any())
+    return ProsthesisKinematics(
+        channels, foot_loads, bool(plates), TimeSeries(leg.time, ankle_angle) if has_foot else None
+    )
 
 
 def _estimate_ground_height(load: GroundReaction) -> float:

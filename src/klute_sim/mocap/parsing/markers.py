@@ -138,8 +138,9 @@ def find_walking_frame(
                 legs.append(np.mean((upper - heel)[visible], axis=0))
     if not feet:
         raise InputError(
-            f"{file_name}: no foot was recognised among the markers; name markers of heel, toe and a higher segment "
-            "in a file for --map, under [markers.right]"
+            f"{file_name}: no foot was recognised among the markers, which shows the direction of walking; in a file "
+            "for --map, name markers of heel, toe and a higher segment under [markers.right] or [markers.left], or "
+            "state forward and up under [axes]"
         )
     leg, foot = np.mean(legs, axis=0), np.mean(feet, axis=0)
     vertical = int(np.abs(leg).argmax())

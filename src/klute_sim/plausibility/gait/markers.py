@@ -133,6 +133,8 @@ def find_walking_direction(legs: Mapping[str, Mapping[str, Array]], rate: float,
     """Return whether feet move backward, or right is left; landmarks (n, 3) are forward, up, right [m]."""
     skews = []
     for leg in legs.values():
+        if "ankle" not in leg:
+            continue
         speed = np.gradient(leg["ankle"][:, 0]) * rate
         known = speed[np.isfinite(speed)]
         if known.size > 20:
@@ -144,7 +146,7 @@ def find_walking_direction(legs: Mapping[str, Mapping[str, Array]], rate: float,
             "points backward, or time is reversed; correct the names or the axis"
         )
         return [Finding("forward-sign", place, statement)]
-    if len(legs) == 2:
+    if len(legs) == 2 and all("heel" in leg for leg in legs.values()):
         distance = float(np.nanmedian(legs["right"]["heel"][:, 2]) - np.nanmedian(legs["left"]["heel"][:, 2]))
         if distance < -MIN_SIDE_DISTANCE:
             statement = (
@@ -157,6 +159,8 @@ def find_walking_direction(legs: Mapping[str, Mapping[str, Array]], rate: float,
 
 def find_stature(leg: Mapping[str, Array], stature: float, place: str) -> list[Finding]:
     """Return whether thigh and shank contradict the ``stature`` [m]."""
+    if not {"hip", "knee", "ankle"} <= leg.keys():
+        return []
     length = _measure_length(leg["hip"], leg["knee"]) + _measure_length(leg["knee"], leg["ankle"])
     low, high = LEG_PER_STATURE
     if low <= length / stature <= high:
