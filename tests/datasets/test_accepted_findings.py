@@ -93,6 +93,6 @@ def test_name_of_a_check_that_left_trials_out_is_not_called_unused(walks: Path) 
 def test_late_plate_is_found_under_accepted_absolute_pressures(monkeypatch: pytest.MonkeyPatch) -> None:
     absolute, late = Finding("pressure-absolute", "trial 'a'", "absolute"), Finding("plate-delay", "trial 'a'", "late")
     monkeypatch.setattr(recording_mistakes, "find_absolute_pressures", lambda trials: [absolute])
-    monkeypatch.setattr(recording_mistakes, "find_plate_delays", lambda trials: [late])
+    monkeypatch.setattr(recording_mistakes, "find_clock_delays", lambda trials: [late])
     assert recording_mistakes.find_recording_mistakes([]) == [absolute]
     assert recording_mistakes.find_recording_mistakes([], ["pressure-absolute"]) == [absolute, late]

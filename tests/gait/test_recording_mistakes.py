@@ -11,9 +11,10 @@ import klute_sim as ks
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.device.device import parse_device
+from klute_sim.gait.replay import clock_delay
+from klute_sim.gait.replay.clock_delay import MIN_DELAY, ClockDelay, UnexplainedShares, estimate_clock_delay
 from klute_sim.gait.replay.foot import build_replayed_foot
 from klute_sim.gait.replay.measured_trial import PLATE_CHANNELS, TIME_STEP, MeasuredTrial
-from klute_sim.gait.replay.plate_delay import MIN_DELAY, estimate_plate_delay
 from klute_sim.gait.replay.prescribed import prepare_prescribed_motion
 from klute_sim.gait.replay.recording_mistakes import find_recording_mistakes
 from klute_sim.gait.replay.rollout import simulate_replay
@@ -21,6 +22,7 @@ from klute_sim.plausibility.finding import ImplausibleInputError
 from tests.diagnosis.synthetic_gait_dataset import write_dataset
 
 ATMOSPHERE = 1.013e5
+LOG_CHANNELS = ("pressure_command", "ankle_angle", "force", "pressure", "muscle_length")
 PRESSURES = ("pressure_command", "pressure")
 
 
@@ -70,20 +72,66 @@ def imitate(trial: Trial, effects: str) -> Trial:
 @pytest.mark.parametrize("channels", [("force", "ankle_angle"), ("force", "muscle_length")])
 def test_delay_of_the_plate_is_measured(walk: Trial, seconds: float, channels: tuple[str, ...]) -> None:
     (finding,) = find_recording_mistakes([keep(delay(walk, seconds), *channels)])
-    found = estimate_plate_delay(MeasuredTrial(keep(delay(walk, seconds), *channels)))
+    found = estimate_clock_delay(MeasuredTrial(keep(delay(walk, seconds), *channels)))
     assert found is not None
-    assert found.delay == pytest.approx(seconds, abs=0.002)
+    assert found.plate_delay == pytest.approx(seconds, abs=0.002)
     assert tuple(found.unexplained) == channels
     assert finding.name == "plate-delay"
     direction = "late" if seconds > 0.0 else "early"
-    assert f"{abs(1e3 * found.delay):.0f} ms {direction} against {channels[0]} and {channels[1]}" in finding.sentence
+    assert (
+        f"{abs(1e3 * found.plate_delay):.0f} ms {direction} against {channels[0]} and {channels[1]}" in finding.sentence
+    )
+
+
+@pytest.mark.parametrize("seconds", [0.04, pytest.param(-0.03, marks=pytest.mark.slow)])
+def test_late_log_is_no_early_plate(walk: Trial, seconds: float) -> None:
+    (finding,) = find_recording_mistakes([delay(walk, seconds, LOG_CHANNELS)])
+    found = estimate_clock_delay(MeasuredTrial(delay(walk, seconds, LOG_CHANNELS)))
+    assert found is not None
+    assert found.log_delay == pytest.approx(seconds, abs=0.002)
+    assert finding.name == "log-delay"
+    size, direction = f"{1e3 * found.log_delay:.0f} ms", "late" if seconds > 0.0 else "early"
+    assert f"is {size.removeprefix('-')} {direction} against the motion and the force plate" in finding.statement
+    assert f"state '{size}' for each of pressure_command, " in finding.statement
+    assert f"or {-found.log_delay:.3f} for the file of the log under [clock]" in finding.statement
+
+
+def test_both_remedies_are_named_where_replays_do_not_tell_the_clocks_apart(walk: Trial) -> None:
+    """Here both clocks differ from that of the motion."""
+    (finding,) = find_recording_mistakes([delay(delay(walk, 0.015), -0.01, LOG_CHANNELS)])
+    assert finding.name == "plate-delay"
+    for part in (
+        "ms late against force and ankle_angle, or the log of the device is",
+        "do not tell apart",
+        "if motion and plate have one clock, state '-",
+        "ms' for each of pressure_command, ",
+        "ms' for each of grf_vertical, grf_forward and cop_x under [delay]",
+    ):
+        assert part in finding.statement, finding.statement
+
+
+def test_trials_of_one_clock_decide_together() -> None:
+    def make(plate: float, log: float) -> ClockDelay:
+        return ClockDelay(-0.03, 0.03, {"force": UnexplainedShares(0.1, plate, log)})
+
+    for shares, clock in (
+        ([(0.01, 0.002)], "log"),
+        ([(0.01, 0.005), (0.01, 0.001)], "log"),
+        ([(0.01, 0.005)], "unknown"),
+        ([(0.01, 0.002), (0.002, 0.01)], "unknown"),
+        ([(0.002, 0.01)], "plate"),
+    ):
+        assert clock_delay.identify_clock([make(*each) for each in shares]) == clock
 
 
 @pytest.mark.parametrize(
     ("delays", "advice"),
     [
-        ({}, "state '20 ms' for each of the three under [delay]"),
-        (dict.fromkeys(PLATE_CHANNELS, 0.04), "state '60 ms' for each of the three in place of the delay stated now"),
+        ({}, "state '20 ms' for each of grf_vertical, grf_forward and cop_x under [delay]"),
+        (
+            dict.fromkeys(PLATE_CHANNELS, 0.04),
+            "state '60 ms' for each of grf_vertical, grf_forward and cop_x in place of the delay stated now",
+        ),
         (
             {"grf_vertical": 0.04, "grf_forward": 0.04},
             "state grf_vertical = '60 ms', grf_forward = '60 ms', cop_x = '20 ms' in place",
@@ -102,18 +150,18 @@ def test_delay_that_the_registration_fits_is_accepted(walk: Trial, seconds: floa
 
 
 def test_late_instrument_is_no_plate(walk: Trial) -> None:
-    assert estimate_plate_delay(MeasuredTrial(delay(walk, 0.03, ("force",)))) is None
-    assert estimate_plate_delay(MeasuredTrial(delay(walk, 0.03, ("ankle_angle",)))) is None
+    assert estimate_clock_delay(MeasuredTrial(delay(walk, 0.03, ("force",)))) is None
+    assert estimate_clock_delay(MeasuredTrial(delay(walk, 0.03, ("ankle_angle",)))) is None
 
 
 def test_single_channel_shows_a_late_plate_only(walk: Trial) -> None:
     """A filter of the encoder makes the plate look early."""
     alone = keep(walk, "ankle_angle")
-    found = estimate_plate_delay(MeasuredTrial(delay(alone, 0.03)))
+    found = estimate_clock_delay(MeasuredTrial(delay(alone, 0.03)))
     assert found is not None
-    assert found.delay == pytest.approx(0.03, abs=0.003)
-    assert estimate_plate_delay(MeasuredTrial(delay(alone, -0.03))) is None
-    assert estimate_plate_delay(MeasuredTrial(keep(delay(walk, 0.03), "pressure"))) is None
+    assert found.plate_delay == pytest.approx(0.03, abs=0.003)
+    assert estimate_clock_delay(MeasuredTrial(delay(alone, -0.03))) is None
+    assert estimate_clock_delay(MeasuredTrial(keep(delay(walk, 0.03), "pressure"))) is None
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ KINDS = frozenset(
     | {"scale", "sign", "start", "unit", "wrapped", "zero"}
 )
 """Last words of the names of findings in trials; the words before them are channels or :data:`SUBJECTS`."""
-SUBJECTS = frozenset({"forward", "marker", "mass", "plate", "side", "stature", "stride", "time"})
+SUBJECTS = frozenset({"forward", "log", "marker", "mass", "plate", "side", "stature", "stride", "time"})
 """What else the findings in trials concern."""
 MAX_LISTED_FINDINGS = 4
 """Maximum number of findings that one error lists."""

@@ -4,8 +4,8 @@ from collections.abc import Collection, Sequence
 
 from klute_sim.datasets.trial import Trial
 from klute_sim.gait.replay.absolute_pressures import find_absolute_pressures
+from klute_sim.gait.replay.clock_delay import find_clock_delays
 from klute_sim.gait.replay.measured_trial import MeasuredTrial
-from klute_sim.gait.replay.plate_delay import find_plate_delays
 from klute_sim.plausibility.finding import Finding, are_accepted
 
 
@@ -18,4 +18,4 @@ def find_recording_mistakes(trials: Sequence[Trial], accepted: Collection[str] =
     measured = [MeasuredTrial(trial) for trial in trials]
     has_pressures = all(trial.device.parameters.supply.command_is_opening == 0.0 for trial in trials)
     pressures = find_absolute_pressures(measured) if has_pressures else []
-    return [*pressures, *find_plate_delays(measured)] if are_accepted(pressures, accepted) else pressures
+    return [*pressures, *find_clock_delays(measured)] if are_accepted(pressures, accepted) else pressures
