@@ -16,7 +16,7 @@ from klute_sim.plausibility.samples import (
     find_missing_value_code,
     find_zero_blocks,
 )
-from klute_sim.plausibility.units import UNITS, Range, guess_unit
+from klute_sim.plausibility.units import UNITS, Range, guess_units
 
 WAVE = np.sin(np.linspace(0.0, 20.0, 400))
 FORCE = Finding("force-unit", "trial 'a'", "force is 3 to 9 kN: is its unit N?")
@@ -78,16 +78,24 @@ def test_every_unit_is_guessed_from_every_other(si_unit: str) -> None:
     plausible = Range(0.7, 1.4, 1.0)
     for written, factor in UNITS[si_unit].items():
         for true, true_factor in UNITS[si_unit].items():
-            guess = guess_unit(factor / true_factor, factor, si_unit, plausible)
+            guesses = guess_units(factor / true_factor, factor, si_unit, plausible)
             if plausible.contains(factor / true_factor):
-                assert guess == ""
+                assert guesses == ()
             else:
-                assert 0.7 <= UNITS[si_unit][guess] / true_factor <= 1.4, (written, true, guess)
+                assert 0.7 <= UNITS[si_unit][guesses[0]] / true_factor <= 1.4, (written, true, guesses)
 
 
 def test_no_unit_is_guessed_where_none_is_plausible() -> None:
-    assert guess_unit(3e7, 1.0, "rad", Range(0.7, 1.4, 1.0)) == ""
-    assert guess_unit(-2.0, 1.0, "N", Range(0.7, 1.4, 1.0)) == ""
+    assert guess_units(3e7, 1.0, "rad", Range(0.7, 1.4, 1.0)) == ()
+    assert guess_units(-2.0, 1.0, "N", Range(0.7, 1.4, 1.0)) == ()
+
+
+def test_units_that_the_size_does_not_tell_apart_are_named_in_order_of_closeness() -> None:
+    tension = Range(0.4, 1.5, 0.8)
+    assert guess_units(0.9 / 9.80665, 1.0, "N", tension) == ("kgf", "lbf")
+    assert guess_units(0.6 / 4.44822, 1.0, "N", tension) == ("lbf", "kgf")
+    assert guess_units(0.7 / 9.80665, 1.0, "N", tension) == ("kgf",)
+    assert guess_units(0.9e-3, 1.0, "N", tension) == ("kN",)
 
 
 @pytest.mark.parametrize("code", [-9999.0, 999.0, 1e30, -99.99])

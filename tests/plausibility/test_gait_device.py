@@ -64,6 +64,12 @@ def test_mistake_is_named(edit: Edit, name: str, advice: str, tmp_path: Path) ->
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(("share", "newtons", "units"), [(0.9, 9.807, "kgf or lbf"), (0.6, 4.448, "lbf or kgf")])
+def test_units_of_force_that_fit_are_both_named(share: float, newtons: float, units: str, tmp_path: Path) -> None:
+    with pytest.raises(ImplausibleInputError, match=rf"is its unit {units}\? Correct the heading"):
+        load(tmp_path, times("force", 1.0 / newtons)(make_walk(share)))
+
+
 def test_finding_of_the_walk_explains_the_tension(tmp_path: Path) -> None:
     with pytest.raises(ImplausibleInputError) as error:
         load(tmp_path, times("grf", 1e-3)(make_walk()))

@@ -25,6 +25,13 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 """SI unit of a dimension -> units that people write or export, the common ones first -> factor to SI."""
 
 
+CLOSENESS_TOLERANCE = 1.0 / 3.0
+"""Largest difference between the distances of two units from the typical value that does not tell which one it is, in
+orders of magnitude (assumed; kgf and lbf differ by 0.34, and typical values are known to a factor of about two)."""
+MIN_DIFFERENCE = 0.02
+"""Smallest difference of two units that are both named, in orders of magnitude (daN and kgf differ by 0.008)."""
+
+
 class Range(NamedTuple):
     """Plausible range of a quantity, and a typical value within it, in SI units."""
 
@@ -40,23 +47,24 @@ class Range(NamedTuple):
         return self.low <= value <= self.high
 
 
-def guess_unit(value: float, factor: float, si_unit: str, plausible: Range) -> str:
-    """Return the unit that makes a positive ``value`` plausible; '' if none does, or the unit as written does.
+def guess_units(value: float, factor: float, si_unit: str, plausible: Range) -> tuple[str, ...]:
+    """Return the units that make a positive ``value`` plausible, the closest first; none if the unit as written does.
 
-    ``value`` is in SI units as read with ``factor``, that of the unit in the heading. Of several units, the one that
-    brings the value closest to the typical one (in ratio) is returned; a unit that comes later in :data:`UNITS` must be
-    clearly closer, by a third of an order of magnitude.
+    ``value`` is in SI units as read with ``factor``, that of the unit in the heading. A unit is close if it brings the
+    value close to the typical one (in ratio). Units that are less close than the closest by more than
+    :data:`CLOSENESS_TOLERANCE` are left out, and so are those that a more common one hardly differs from.
     """
     if not value > 0.0 or plausible.contains(value):
-        return ""
-    best, smallest_distance = "", math.inf
+        return ()
+    distances: dict[str, float] = {}
     for unit, candidate in UNITS[si_unit].items():
         converted = value / factor * candidate
-        if candidate != factor and plausible.contains(converted):
-            distance = abs(math.log10(converted / plausible.typical))
-            if distance < smallest_distance - 1.0 / 3.0 or not best:
-                best, smallest_distance = unit, distance
-    return best
+        is_new = all(abs(math.log10(candidate / UNITS[si_unit][other])) > MIN_DIFFERENCE for other in distances)
+        if candidate != factor and plausible.contains(converted) and is_new:
+            distances[unit] = abs(math.log10(converted / plausible.typical))
+    closest = min(distances.values(), default=0.0)
+    units = [unit for unit, distance in distances.items() if distance <= closest + CLOSENESS_TOLERANCE]
+    return tuple(sorted(units, key=lambda unit: distances[unit]))
 
 
 def format_value(value: float, unit: str, factor: float) -> str:

@@ -1,11 +1,13 @@
 """Missing-value codes, and units of the channels by the range of their samples."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from klute_sim.plausibility.bench.trial import SI_UNITS, RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.samples import find_missing_value_code
-from klute_sim.plausibility.units import UNITS, Range, guess_unit
+from klute_sim.plausibility.units import UNITS, Range, guess_units
 from klute_sim.types import Array
 
 MAX_RATIO = 3.0
@@ -136,12 +138,12 @@ def _check_muscle_length(trial: RecordedTrial) -> list[Finding]:
 
 
 def _guess_length_unit(trial: RecordedTrial, channel: str, middle: float, plausible: Range) -> str:
-    """Return the unit that makes the median and the spread of a length plausible, or ''."""
+    """Return the units that make the median and the spread of a length plausible, or ''."""
     samples = trial.get_samples(channel)
-    guess = guess_unit(middle, samples.factor, "m", plausible)
+    units = guess_units(middle, samples.factor, "m", plausible)
     spread = float(np.ptp(np.percentile(samples.finite, [1.0, 99.0])))
     is_spread_plausible = spread < MAX_DISPLACEMENT_RATIO * middle
-    return guess if is_spread_plausible else ""
+    return " or ".join(units) if is_spread_plausible else ""
 
 
 def _check_command(trial: RecordedTrial) -> list[Finding]:
@@ -187,9 +189,10 @@ def _check_pressure_sign(trial: RecordedTrial, channel: str) -> list[Finding]:
 def _describe_pressure(trial: RecordedTrial, channel: str, peak: float) -> Finding:
     supply_pressure, samples = trial.limits.supply_pressure, trial.get_samples(channel)
     plausible = Range(MIN_COMMAND_FRACTION * supply_pressure, MAX_COMMAND_RATIO * supply_pressure, supply_pressure)
-    guess = guess_unit(peak, samples.factor, "Pa", plausible)
+    units = guess_units(peak, samples.factor, "Pa", plausible)
+    guess = " or ".join(units)
     fix = f"is its unit {guess}? Correct the heading" if guess else "its unit or its zero is wrong"
-    if channel == "pressure_command" and peak > supply_pressure and _may_be_percent(trial, guess):
+    if channel == "pressure_command" and peak > supply_pressure and _may_be_percent(trial, units):
         unit = f"{guess}, or per cent of a full scale" if guess else "per cent of a full scale"
         fix = f"is its unit {unit}? Correct the heading, or convert it under [columns]"
     name = trial.get_name(channel)
@@ -201,16 +204,16 @@ def _describe_pressure(trial: RecordedTrial, channel: str, peak: float) -> Findi
     )
 
 
-def _may_be_percent(trial: RecordedTrial, guess: str) -> bool:
-    """Return whether commands lie in 0 to 100 and a measured pressure does not confirm the unit ``guess``."""
+def _may_be_percent(trial: RecordedTrial, units: Sequence[str]) -> bool:
+    """Return whether commands lie in 0 to 100 and a measured pressure confirms none of ``units``."""
     samples = trial.get_samples("pressure_command")
     written = samples.finite / samples.factor
     if written.min() < 0.0 or written.max() > 100.0:
         return False
-    if not guess or "pressure" not in trial.channels:
+    if not units or "pressure" not in trial.channels:
         return True
-    reached, commanded = float(trial.get_samples("pressure").finite.max()), float(written.max()) * UNITS["Pa"][guess]
-    return abs(reached / commanded - 1.0) > MAX_REGULATOR_ERROR
+    reached, commanded = float(trial.get_samples("pressure").finite.max()), float(written.max())
+    return all(abs(reached / (commanded * UNITS["Pa"][unit]) - 1.0) > MAX_REGULATOR_ERROR for unit in units)
 
 
 def _check_force(trial: RecordedTrial) -> list[Finding]:
@@ -222,12 +225,8 @@ def _check_force(trial: RecordedTrial) -> list[Finding]:
     peak = float(np.percentile(np.abs(samples.finite), 100.0 - MAX_SPIKE_PERCENT))
     if peak <= MAX_FORCE_RATIO * limits.max_force:
         return []
-    guess = guess_unit(
-        peak,
-        samples.factor,
-        SI_UNITS["force"],
-        Range(0.05 * limits.max_force, 1.5 * limits.max_force, limits.max_force),
-    )
+    plausible = Range(0.05 * limits.max_force, 1.5 * limits.max_force, limits.max_force)
+    guess = " or ".join(guess_units(peak, samples.factor, SI_UNITS["force"], plausible))
     fix = f"is its unit {guess}? Correct the heading" if guess else "its unit or its scale is wrong"
     name = trial.get_name("force")
     statement = (

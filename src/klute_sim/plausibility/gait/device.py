@@ -29,7 +29,7 @@ from klute_sim.plausibility.gait.steps import (
 )
 from klute_sim.plausibility.gait.trial import GaitChannels
 from klute_sim.plausibility.samples import compute_correlation
-from klute_sim.plausibility.units import Range, guess_unit, round_digits
+from klute_sim.plausibility.units import Range, guess_units, round_digits
 from klute_sim.types import Array
 
 MOMENT_ARM = 0.048
@@ -153,6 +153,6 @@ def _check_tension(trial: RecordedTrial, walk: GaitChannels) -> list[Finding]:
     low, high = TENSION_RATIO_RANGE
     if correlation < MIN_CORRELATION or low <= ratio <= high:
         return []
-    guess = guess_unit(ratio, samples.factor, SI_UNITS["force"], USUAL_TENSION_RATIO)
+    guess = " or ".join(guess_units(ratio, samples.factor, SI_UNITS["force"], USUAL_TENSION_RATIO))
     fix = f"is its unit {guess}? Correct the heading" if guess else "its unit or its scale is wrong"
     return [Finding("force-unit", trial.place, f"{expected}: {fix}")]

@@ -8,7 +8,7 @@ import numpy as np
 
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.samples import MISSING_VALUE_CODES
-from klute_sim.plausibility.units import Range, guess_unit, round_digits
+from klute_sim.plausibility.units import Range, guess_units, round_digits
 from klute_sim.types import Array
 
 SEGMENT_RANGES: Mapping[tuple[str, str], Range] = MappingProxyType(
@@ -72,13 +72,14 @@ def find_frame_rate(time: Array, place: str) -> list[Finding]:
 
 def find_length_unit(legs: Sequence[Mapping[str, Array]], place: str) -> list[Finding]:
     """Return whether all segments of ``legs``, landmark -> position (n, 3) [m], have lengths of another unit."""
-    ratios, guesses = [], []
+    ratios: list[float] = []
+    guesses: list[str] = []
     for leg in legs:
         for (upper, lower), plausible in SEGMENT_RANGES.items():
             if upper in leg and lower in leg:
                 length = _measure_length(leg[upper], leg[lower])
                 ratios.append(length / plausible.typical)
-                guesses.append(guess_unit(length, 1.0, "m", plausible))
+                guesses += guess_units(length, 1.0, "m", plausible)
     ratio = float(np.median(ratios)) if ratios else 1.0
     if 0.38 <= ratio <= 1.7:
         return []
@@ -86,8 +87,7 @@ def find_length_unit(legs: Sequence[Mapping[str, Array]], place: str) -> list[Fi
         statement = "the markers of hip, knee and ankle are at one place; check which markers are named"
         return [Finding("marker-unit", place, statement)]
     length = SEGMENT_RANGES["knee", "ankle"].typical * ratio
-    named = [guess for guess in guesses if guess]
-    unit = max(set(named), key=named.count) if named else "another unit"
+    unit = max(guesses, key=guesses.count, default="another unit")
     if ratio < 1.0:
         unit = {-3: "m under a heading in mm", -2: "m under a heading in cm", -1: "cm under a heading in mm"}.get(
             round(math.log10(ratio)), "another unit"
