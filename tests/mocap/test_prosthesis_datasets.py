@@ -206,6 +206,24 @@ def test_mapping_sets_columns_units_and_signs(gait_recording: Recording, tmp_pat
     assert channels["muscle_length"].value == pytest.approx(1e3 * gait_recording["muscle_length"], abs=1e-9)
 
 
+def test_mapping_sets_positions(gait_recording: Recording, tmp_path: Path) -> None:
+    names = {"cop_x": "Druckpunkt", "ankle_x": "Px", "ankle_z": "Pz"}
+    renamed = (
+        {names.get(n, n): s for n, s in each.items()} for each in (gait_recording.channels, gait_recording.units)
+    )
+    file = tmp_path / "recording.parquet"
+    parquet.write_recording(Recording(*renamed, gait_recording.provenance), file)
+    lines = [f'{channel} = "{column} [m]"' for channel, column in names.items()]
+    for line, channel in zip(lines, names, strict=True):
+        (tmp_path / "map.toml").write_text("\n".join(["[right]", *(each for each in lines if each != line)]))
+        with pytest.raises(InputError, match=rf"name a column of {channel} in a file for --map, under \[right\]"):
+            import_trials([file], replace(RAW, mapping=mapping.read(tmp_path / "map.toml")))
+    (tmp_path / "map.toml").write_text("\n".join(["[right]", *lines]))
+    channels = import_trials([file], replace(RAW, mapping=mapping.read(tmp_path / "map.toml"))).trials[0].channels
+    for name in ("ankle_x", "ankle_z"):
+        assert channels[name].value == pytest.approx(gait_recording[name], abs=1e-9)
+
+
 def test_suspicious_measurements_are_reported(gait_recording: Recording, tmp_path: Path) -> None:
     export_lab_files(tmp_path / "lab", gait_recording)
     log = export.to_prosthesis_log(gait_recording)
@@ -322,7 +340,7 @@ def _truncate_log(folder: Path) -> list[Path]:
             "the inclination of the right shank or the position of its ankle is unknown: add the markers",
         ),
         (_without("ground_reaction.mot"), "no ground reaction of the right foot"),
-        (_remove_cop, "no centre of pressure of the right foot"),
+        (_remove_cop, "no centre of pressure of the right foot, so the moment of the load about the ankle is unknown"),
         (_reverse_forward_axis, "'forward' points backward"),
         (_shift_log_times, "so they do not overlap; set the time offset of a file under [clock]"),
         (_truncate_log, "0 foot strikes after a swing in consecutive strides"),

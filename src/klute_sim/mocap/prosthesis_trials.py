@@ -140,7 +140,7 @@ def _add_cop(
     else:
         log.add_missing(
             f"{load.file_name}: no centre of pressure of the {side} foot, so the moment of the load about the ankle is "
-            "unknown"
+            f"unknown: name a column of cop_x in a file for --map, under [{side}], or add the force plates (.c3d, .mot)"
         )
         return False
     vertical = channels["grf_vertical"]
