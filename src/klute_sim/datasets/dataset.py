@@ -13,6 +13,7 @@ from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, RigName, res
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
 from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.initial_state import check_initial_state, parse_initial_state
+from klute_sim.datasets.load_bandwidth import describe_filtered_loads
 from klute_sim.datasets.mechanism import (
     DatasetMechanism,
     check_model_numbers,
@@ -195,6 +196,7 @@ def load_dataset(
             *unmapped_remarks,
             *mechanism_checks.describe_trials(mechanism, trials),
             *describe_scope(trials, file.rig),
+            *describe_filtered_loads(trials),
             *describe_accepted(accepted, file.accept, source, questioned),
         ),
         accepted=accepted,
