@@ -65,7 +65,7 @@ def write_c3d(folder: Path) -> list[Path]:
 
 
 def extract_legs(files: list[Path], options: ImportOptions, log: ImportLog | None = None) -> dict[str, Leg]:
-    group = [sources.read(file) for file in files]
+    group = [source for file in files for source in sources.read(file)]
     return {leg.side: leg for leg in trial.extract_legs(group, options, log or ImportLog())}
 
 

@@ -25,7 +25,7 @@ def find(folder: Path, columns: dict[str, np.ndarray], channel: str, side: Side 
     np.savetxt(folder / "a.csv", table, delimiter=",", header=",".join(["time [s]", *columns]), comments="")
     (folder / "map.toml").write_text(map_text)
     options = ImportOptions(mapping=mapping.read(folder / "map.toml"))
-    column = find_column([sources.read(folder / "a.csv")], channel, side, options)
+    column = find_column(sources.read(folder / "a.csv"), channel, side, options)
     assert column is not None
     return column
 
@@ -62,7 +62,7 @@ def test_angles_without_unit_have_that_of_the_knee(tmp_path: Path) -> None:
 def test_stated_unit_holds_without_a_knee(tmp_path: Path) -> None:
     columns = {"time": TIME, "pelvis_tilt": SWING, "ankle_angle_r": 30.0 * SWING}
     storage.write(Storage(columns, True), tmp_path / "a.mot")
-    tilt = find_column([sources.read(tmp_path / "a.mot")], "pelvis_tilt", None, ImportOptions())
+    tilt = find_column(sources.read(tmp_path / "a.mot"), "pelvis_tilt", None, ImportOptions())
     assert tilt is not None
     assert (tilt.unit, tilt.unit_reason) == ("deg", "stated")
 
@@ -70,7 +70,7 @@ def test_stated_unit_holds_without_a_knee(tmp_path: Path) -> None:
 def test_decimal_mark_is_that_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("time [s];force [N]\n0,000;1,234\n0,001;2,345\n")
-    assert sources.read(path).get_column("force [N]").tolist() == [1.234, 2.345]
+    assert sources.read(path)[0].get_column("force [N]").tolist() == [1.234, 2.345]
     path.write_text("time [s];force [N]\n1;1,234\n2;2,345\n")
     with pytest.raises(InputError, match=r"'1,234' may have a decimal comma or separate thousands"):
-        sources.read(path).get_column("force [N]")
+        sources.read(path)[0].get_column("force [N]")

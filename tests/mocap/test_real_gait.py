@@ -35,7 +35,8 @@ def get_opensim(number: int) -> list[Path]:
 
 
 def extract_legs(files: list[Path], mass: float) -> dict[str, Leg]:
-    legs = trial.extract_legs([sources.read(file) for file in files], ImportOptions(mass=mass), ImportLog())
+    group = [source for file in files for source in sources.read(file)]
+    legs = trial.extract_legs(group, ImportOptions(mass=mass), ImportLog())
     return {leg.side: leg for leg in legs}
 
 

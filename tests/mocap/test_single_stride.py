@@ -160,12 +160,12 @@ def test_unknown_unit_is_refused_with_the_usual_ones(tmp_path: Path) -> None:
 
 
 def unroll(path: Path, stride_time: float | None = 1.2) -> Sequence[sources.SourceFile]:
-    return unroll_single_strides([sources.read(path)], stride_time, ImportLog())
+    return unroll_single_strides(sources.read(path), stride_time, ImportLog())
 
 
 @pytest.mark.parametrize("heading", ["gait_pct", "% gait cycle", "Percent", "gait_phase [%]", "time (%)", "Stride (%)"])
 def test_percent_columns_are_recognised(heading: str, tmp_path: Path) -> None:
-    source = sources.read(write_stride(tmp_path / "stride.csv", heading=heading))
+    (source,) = sources.read(write_stride(tmp_path / "stride.csv", heading=heading))
     assert find_percent_label(source) == heading
     assert unroll(tmp_path / "stride.csv")[0].get_column("time")[N_FINE_ROWS] == pytest.approx(1.2)
 
@@ -178,7 +178,7 @@ def test_fraction_of_the_cycle_counts_as_percent(tmp_path: Path) -> None:
 def test_a_file_with_times_is_no_single_stride(tmp_path: Path) -> None:
     path = tmp_path / "walk.csv"
     path.write_text("time [s],gait_phase [%]\n" + "".join(f"{0.01 * k},{k}\n" for k in range(101)))
-    assert find_percent_label(sources.read(path)) is None
+    assert find_percent_label(sources.read(path)[0]) is None
     with pytest.raises(InputError, match="these files have times"):
         unroll(path)
 
@@ -226,7 +226,7 @@ def test_units_in_round_brackets_and_after_time(label: str, expected: tuple[str,
 def test_table_with_round_brackets_reads_its_time(tmp_path: Path) -> None:
     path = tmp_path / "walk.csv"
     path.write_text("Time(s),Knee angle (rad)\n" + "".join(f"{0.01 * k},{0.001 * k}\n" for k in range(100)))
-    source = sources.read(path)
+    (source,) = sources.read(path)
     assert source.time_label == "Time(s)"
     assert source.units == {"Time(s)": "s", "Knee angle (rad)": "rad"}
     assert source.detect_roles() == {"angles"}

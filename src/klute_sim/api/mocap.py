@@ -154,6 +154,7 @@ def import_gait(
     cutoff: float = MOTION_CUTOFF_HZ,
     load_cutoff: float = LOAD_CUTOFF_HZ,
     stride_time: float | None = None,
+    frame_rate: float | None = None,
     use_listed_events: bool = True,
     contact_threshold: float = ImportOptions.contact_threshold,
     ankle_zero: AnkleZero = "foot-flat",
@@ -165,7 +166,8 @@ def import_gait(
     Signs, axes, units and offsets are detected; the log states the reasons, and anything suspicious.
 
     Args:
-        files: Trials in C3D, OpenSim's .mot, .sto and .trc, CSV or Parquet: one file, a folder, or a sequence of files.
+        files: Trials in C3D, OpenSim's .mot, .sto and .trc, CSV, Parquet or Visual3D's
+            ASCII exports: one file, a folder, or a sequence of files.
             A trial may consist of several files.
         mass: Body mass [kg]. None: estimated from the impulse of the ground reaction.
         stature: Stature [m] for simulations with this reference.
@@ -174,6 +176,7 @@ def import_gait(
         cutoff: Low-pass cutoff of angles and markers [Hz]; 0 disables the filter.
         load_cutoff: Low-pass cutoff of ground reactions and moments [Hz]; 0 disables the filter.
         stride_time: Duration [s] of a stride in a table over the gait cycle [%].
+        frame_rate: Frame rate [Hz] of Visual3D exports without times.
         use_listed_events: Whether strides are cut at the foot strikes that a C3D file lists. False: at those of the
             load.
         contact_threshold: Vertical ground reaction of a foot on the ground [N].
@@ -190,6 +193,7 @@ def import_gait(
         motion_cutoff=cutoff,
         load_cutoff=load_cutoff,
         stride_time=stride_time,
+        frame_rate=frame_rate,
         use_listed_events=use_listed_events,
         contact_threshold=contact_threshold,
         ankle_zero=ankle_zero,
@@ -208,6 +212,7 @@ def import_dataset(
     mass: float | None = None,
     side: Side | None = None,
     mapping: str | Path | None = None,
+    frame_rate: float | None = None,
     contact_threshold: float = ImportOptions.contact_threshold,
     ankle_zero: AnkleZero = "file",
     accept: Collection[str] = (),
@@ -224,6 +229,7 @@ def import_dataset(
         mass: Body mass [kg], for loads per body mass.
         side: Side of the prosthesis.
         mapping: Path of a mapping file for columns, markers, axes and clocks.
+        frame_rate: Frame rate [Hz] of Visual3D exports without times.
         contact_threshold: Vertical ground reaction of a foot on the ground [N].
         ankle_zero: Zero of the ankle angle.
         accept: Names of findings that are right although they look implausible.
@@ -234,6 +240,7 @@ def import_dataset(
     options = ImportOptions(
         mass=mass,
         side=side,
+        frame_rate=frame_rate,
         contact_threshold=contact_threshold,
         ankle_zero=ankle_zero,
         mapping=_read_mapping(mapping),

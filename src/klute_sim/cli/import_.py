@@ -63,6 +63,13 @@ MIN_CADENCE, MAX_CADENCE = 48.0, 200.0
     metavar="STEPS/MIN",
     help="Cadence in place of --stride-duration; a stride has two steps.",
 )
+@click.option(
+    "--frame-rate",
+    type=common.NumberWithUnit("Hz"),
+    default=None,
+    metavar="HZ",
+    help="Frame rate [Hz] of Visual3D exports without the signal TIME.",
+)
 @common.ACCEPT_OPTION
 @section("Processing")
 @click.option(
@@ -144,6 +151,7 @@ def command(
     ankle_zero: Any,
     stride_duration: float | None,
     cadence: float | None,
+    frame_rate: float | None,
     ignore_events: bool,
     as_dataset: bool,
     device: str | None,
@@ -156,9 +164,9 @@ def command(
 ) -> None:
     """Create a gait reference from motion-capture files, or a dataset for klute-sim diagnose.
 
-    FILES are one or more trials: C3D (extra 'c3d'), OpenSim's .mot, .sto and .trc, CSV, Parquet. A trial may consist of
-    several files: angles, ground reaction, moments. Signs, axes, units and offsets are detected and reported with the
-    reason, as is anything suspicious.
+    FILES are one or more trials: C3D (extra 'c3d'), OpenSim's .mot, .sto and .trc, CSV, Parquet, Visual3D's ASCII
+    exports. A trial may consist of several files: angles, ground reaction, moments. Signs, axes, units and offsets are
+    detected and reported with the reason, as is anything suspicious.
 
     Writes reference.csv, reference.toml, all strides (strides_right.parquet, strides_left.parquet) and import.json.
     With --dataset, writes dataset.toml, the trials as CSV files and import.json.
@@ -190,7 +198,7 @@ def command(
     dataset_only = {"--device": device, "--uncertain": uncertain or None, "--repeats": repeats}
     _check_option_use(reference_only, dataset_only, as_dataset=as_dataset)
     common_options: dict[str, Any] = {"mass": mass, "side": side, "mapping": map_file, "contact_threshold": threshold}
-    common_options["accept"] = accept
+    common_options |= {"frame_rate": frame_rate, "accept": accept}
     if ankle_zero is not None:
         common_options["ankle_zero"] = ankle_zero
     with create_run_folder("import", out) as (folder, scratch):

@@ -13,6 +13,8 @@ MOTION_CUTOFF_HZ = 6.0
 """Default low-pass cutoff of angles and markers [Hz]; usual for walking (Winter)."""
 STRIDE_TIME_RANGE = (0.6, 2.5)
 """Stride times [s] of walking."""
+FRAME_RATE_RANGE = (10.0, 20_000.0)
+"""Frame rates [Hz] of motion and analogue signals (assumed)."""
 LOAD_CUTOFF_HZ = 20.0
 """Default low-pass cutoff of ground reactions and moments [Hz] (assumed: keeps both peaks of the vertical load and
 removes the ringing of force plates)."""
@@ -38,6 +40,8 @@ class ImportOptions:
     """Zero of the ankle angle: the flat foot in mid-stance, or the zero of the file."""
     stride_time: float | None = None
     """Duration [s] of a stride in a file over the gait cycle [%]."""
+    frame_rate: float | None = None
+    """Frame rate [Hz] of Visual3D exports without times."""
     use_listed_events: bool = True
     """Whether strides are cut at the foot strikes that a file lists; otherwise at those of the load."""
     mapping: ImportMapping = field(default_factory=ImportMapping)
@@ -51,6 +55,7 @@ class ImportOptions:
             "mass": (self.mass, 20.0, 250.0, "kg"),
             "stature": (self.stature, 1.0, 2.4, "m"),
             "stride duration": (self.stride_time, *STRIDE_TIME_RANGE, "s from heel strike to heel strike"),
+            "frame rate": (self.frame_rate, *FRAME_RATE_RANGE, "Hz"),
             "motion cutoff": (self.motion_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
             "load cutoff": (self.load_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
             "contact threshold": (self.contact_threshold, 1.0, 500.0, "N"),

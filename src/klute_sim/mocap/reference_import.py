@@ -164,16 +164,32 @@ def read_files(
         raise InputError(f"[clock] names '{min(unknown)}', which is not an input file; allowed: {', '.join(names)}")
     source_files: list[SourceFile] = []
     for number, (file, name, folder) in enumerate(zip(files, names, folders, strict=True)):
-        source = replace(sources.read(file, clock_offsets.get(name, 0.0)), folder=folder)
-        duplicate = next((other for other in source_files if other.digest == source.digest), None)
+        recordings = sources.read(file, clock_offsets.get(name, 0.0), options.frame_rate)
+        if len(recordings) > 1 and len(files) > 1:
+            raise InputError(
+                f"{file} contains {len(recordings)} recordings, so their other files are unknown: pass it alone, or "
+                "export each recording into a file of its own"
+            )
+        duplicate = next((other for other in source_files if other.digest == recordings[0].digest), None)
         if duplicate is not None:
             raise InputError(f"{file} is identical to {duplicate.path}; its strides would count twice")
-        source_files.append(source)
-        log.require_accepted(find_source_findings(source), options.accept)
-        log.files.append(source.describe())
+        for recording in recordings:
+            source = replace(recording, folder=folder)
+            source_files.append(source)
+            log.require_accepted(find_source_findings(source), options.accept)
+            log.files.append(source.describe())
         if progress is not None:
             progress(last_fraction * (number + 1) / len(files), "reading files")
+    _log_frame_rate(source_files, options.frame_rate, log)
     return source_files
+
+
+def _log_frame_rate(source_files: Sequence[SourceFile], frame_rate: float | None, log: ImportLog) -> None:
+    for source in source_files:
+        if source.frame_rate is not None:
+            log.add_derived(f"{source.name}: times from the frame numbers at {source.frame_rate:g} Hz, as specified")
+    if frame_rate is not None and not any(source.frame_rate for source in source_files):
+        raise InputError("a frame rate is for Visual3D exports without times; these files have times")
 
 
 def _build_reference(

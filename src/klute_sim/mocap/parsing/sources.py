@@ -12,7 +12,7 @@ from klute_sim.datasets.trial_files import text
 from klute_sim.errors import InputError
 from klute_sim.files.lines import check_time_stamps
 from klute_sim.files.parquet import open_parquet
-from klute_sim.mocap.formats import c3d, content, storage, trc
+from klute_sim.mocap.formats import c3d, content, storage, trc, visual3d
 from klute_sim.mocap.formats.c3d import GaitEvent
 from klute_sim.mocap.formats.content import FileContent
 from klute_sim.mocap.formats.force_plates import ForcePlate
@@ -61,6 +61,8 @@ class SourceFile:
     """Offset [s]; already added to the times of markers and plates, to be added to time columns."""
     events: tuple[GaitEvent, ...] = ()
     """Foot strikes and foot offs that the file lists."""
+    frame_rate: float | None = None
+    """Frame rate [Hz] that the user gave for a file that does not state its times; None for other files."""
     is_single_stride: bool = False
     """Whether the file holds one stride in % of the gait cycle, which is repeated as a recording over time."""
 
@@ -127,12 +129,19 @@ class SourceFile:
         }
 
 
-def read(path: str | Path, time_offset: float = 0.0) -> SourceFile:
-    """Read the file at ``path`` and add ``time_offset`` [s] to its times.
+def read(path: str | Path, time_offset: float = 0.0, frame_rate: float | None = None) -> list[SourceFile]:
+    """Read the recordings in the file at ``path`` and add ``time_offset`` [s] to their times.
 
-    Raises InputError for unreadable files and unsupported formats.
+    There is one, except in exports of Visual3D, whose times follow from ``frame_rate`` [Hz] if they state none. Raises
+    InputError for unreadable files and unsupported formats.
     """
-    source = _shift_time(_read_file(path), time_offset)
+    file_sources = [_shift_time(source, time_offset) for source in _read_file(path, frame_rate)]
+    for source in file_sources:
+        _check_content(source, path)
+    return file_sources
+
+
+def _check_content(source: SourceFile, path: str | Path) -> None:
     positions = source.markers.positions if source.markers else {}
     for name, position in positions.items():
         if (np.abs(position) > MAX_DISTANCE).any():
@@ -145,7 +154,6 @@ def read(path: str | Path, time_offset: float = 0.0) -> SourceFile:
     for name in (*source.labels, *positions):
         if not name.isprintable():  # terminals interpret control characters
             raise InputError(f"{path}: the name {name[:40]!r} contains unprintable characters")
-    return source
 
 
 def _shift_time(source: SourceFile, time_offset: float) -> SourceFile:
@@ -155,12 +163,18 @@ def _shift_time(source: SourceFile, time_offset: float) -> SourceFile:
     return replace(source, markers=markers, plates=plates, time_offset=time_offset, events=events)
 
 
-def _read_file(path: str | Path) -> SourceFile:
+def _read_file(path: str | Path, frame_rate: float | None) -> list[SourceFile]:
     suffix = Path(path).suffix.lower()
     if suffix not in FILE_SUFFIXES:
         raise InputError(f"{path}: the suffix '{suffix}' is not supported; allowed: {', '.join(FILE_SUFFIXES)}")
     file = content.read(path)
     digest = hashlib.sha256(file.data).hexdigest()
+    if suffix in (".csv", ".tsv", ".txt") and visual3d.is_export(file.data):
+        return _read_visual3d(file, digest, frame_rate)
+    return [_read_single_recording(file, suffix, digest, path)]
+
+
+def _read_single_recording(file: FileContent, suffix: str, digest: str, path: str | Path) -> SourceFile:
     if suffix in (".mot", ".sto"):
         columns = storage.parse(file)
         angle_unit = "deg" if columns.in_degrees else "rad"
@@ -186,6 +200,26 @@ def _read_file(path: str | Path) -> SourceFile:
         *(file.name, "table", digest, table.headings, _parse_units(table.headings)),
         lambda label: table.read_columns([table.headings.index(label)])[0],
     )
+
+
+def _read_visual3d(file: FileContent, digest: str, frame_rate: float | None) -> list[SourceFile]:
+    """Return one source for each recording; its name follows that of the file if there are several."""
+    recordings = visual3d.parse(file)
+    file_sources = []
+    for recording in recordings:
+        time, assumed_rate = recording.time, None
+        if time is None:
+            if frame_rate is None:
+                raise InputError(
+                    f"{file.name}: this Visual3D export states no times: pass its frame rate (--frame-rate HZ), or "
+                    "export the signal TIME with it"
+                )
+            time, assumed_rate = (recording.frames - 1.0) / frame_rate, frame_rate
+        columns = {"time [s]": time, **recording.columns}
+        name = file.name if len(recordings) == 1 else f"{file.name} ({recording.name})"
+        source = SourceFile(name, "Visual3D export", digest, tuple(columns), {"time [s]": "s"}, columns.__getitem__)
+        file_sources.append(replace(source, frame_rate=assumed_rate))
+    return file_sources
 
 
 def _get_opensim_unit(label: str, angle_unit: str) -> str:
