@@ -14,7 +14,7 @@ from klute_sim.mocap.parsing import mapping
 from klute_sim.types import Array
 from tests import synthetic_gait
 from tests.command_line import run
-from tests.synthetic_gait import MASS, Walker
+from tests.synthetic_gait import HUMAN, MASS, Walker
 
 SIGNALS = {
     "hip_flexion_deg": "RIGHT_HIP_ANGLE",
@@ -85,6 +85,23 @@ def test_recordings_of_one_export_are_trials(walk: dict[tuple[str, str], Array],
     other = synthetic_gait.treadmill(tmp_path, Walker())
     with pytest.raises(InputError, match=r"v.txt contains 2 recordings, .*: pass it alone, or export each"):
         reference_import.import_reference([path, other], OPTIONS)
+
+
+def test_export_over_the_gait_cycle_needs_the_duration_of_the_stride(tmp_path: Path) -> None:
+    phase = np.linspace(0.0, 1.0, 101)
+    names = {**SIGNALS, "grf_vertical_n_per_kg": "RIGHT_GRF_VERTICAL", "grf_forward_n_per_kg": "RIGHT_GRF_FORWARD"}
+    stride = {(signal, "X"): HUMAN(quantity, phase) for quantity, signal in names.items()}
+    heavier = {key: values * (1.05 if "GRF" in key[0] else 1.0) for key, values in stride.items()}
+    path = write_export(tmp_path / "v.txt", [stride, heavier])
+    with pytest.raises(
+        InputError, match=r"v.txt \(walk1.c3d\) has no time, but 'gait cycle \[%\]' .*--stride-duration"
+    ):
+        reference_import.import_reference([path], replace(OPTIONS, frame_rate=None))
+    imported = reference_import.import_reference([path], ImportOptions(mass=MASS, stride_time=1.2))
+    assert len(imported.strides["right"]) == 2
+    assert imported.stride_time == pytest.approx(1.2)
+    expected = HUMAN("knee_flexion_deg", imported.table["gait_pct"] / 100.0)
+    assert imported.table["knee_flexion_deg"] == pytest.approx(expected, abs=0.5)
 
 
 def test_other_signals_are_mapped(walk: dict[tuple[str, str], Array], tmp_path: Path) -> None:

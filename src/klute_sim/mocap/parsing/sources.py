@@ -29,6 +29,8 @@ MAX_DISTANCE = 1e4
 """Largest accepted distance of a marker from the origin [m]."""
 OPENSIM_STORAGE = "OpenSim storage"
 """File type of ``.mot`` and ``.sto``."""
+N_CYCLE_ROWS = 101
+"""Number of rows of a Visual3D export over the gait cycle, at every per cent; as frames they are no whole stride."""
 FILE_SUFFIXES = (".c3d", ".mot", ".sto", ".trc", ".csv", ".tsv", ".txt", ".parquet")
 """Supported file name suffixes."""
 
@@ -207,17 +209,20 @@ def _read_visual3d(file: FileContent, digest: str, frame_rate: float | None) -> 
     recordings = visual3d.parse(file)
     file_sources = []
     for recording in recordings:
-        time, assumed_rate = recording.time, None
-        if time is None:
-            if frame_rate is None:
-                raise InputError(
-                    f"{file.name}: this Visual3D export states no times: pass its frame rate (--frame-rate HZ), or "
-                    "export the signal TIME with it"
-                )
-            time, assumed_rate = (recording.frames - 1.0) / frame_rate, frame_rate
-        columns = {"time [s]": time, **recording.columns}
+        heading, values, assumed_rate = "time [s]", recording.time, None
+        if values is None and frame_rate is not None:
+            values, assumed_rate = (recording.frames - 1.0) / frame_rate, frame_rate
+        elif values is None and len(recording.frames) == N_CYCLE_ROWS:
+            heading, values = "gait cycle [%]", np.linspace(0.0, 100.0, N_CYCLE_ROWS)
+        if values is None:
+            raise InputError(
+                f"{file.name}: this Visual3D export states no times: pass its frame rate (--frame-rate HZ), or export "
+                "the signal TIME with it"
+            )
+        columns = {heading: values, **recording.columns}
         name = file.name if len(recordings) == 1 else f"{file.name} ({recording.name})"
-        source = SourceFile(name, "Visual3D export", digest, tuple(columns), {"time [s]": "s"}, columns.__getitem__)
+        units = _parse_units([heading])
+        source = SourceFile(name, "Visual3D export", digest, tuple(columns), units, columns.__getitem__)
         file_sources.append(replace(source, frame_rate=assumed_rate))
     return file_sources
 
