@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from klute_sim.constants import GRAVITY
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics import checks, dynamics, from_markers, loads
 from klute_sim.mocap.kinematics.from_joint_angles import extract_legs_from_joint_angles
@@ -64,7 +65,8 @@ def _extract_legs_from_markers(
         right, left = located["right"], located["left"]
         knee_difference = right.knee_angle - left.knee_angle if right and left else np.full(len(filtered.time), np.nan)
         sides = list(landmarks_by_side)
-        foot_loads = loads.assign_to_feet(plates, sides, filtered.time, knee_difference, options, log)
+        ankles = {side: TimeSeries(leg.time, leg.ankle[:, 0]) for side, leg in landmarks_by_side.items()}
+        foot_loads = loads.assign_to_feet(plates, sides, filtered.time, knee_difference, options, log, ankles)
     log.require_accepted(checks.find_cop_findings(landmarks_by_side, foot_loads), options.accept)
     legs = []
     for side, landmarks in landmarks_by_side.items():

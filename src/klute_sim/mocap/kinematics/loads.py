@@ -2,15 +2,18 @@
 
 A contact on a plate belongs to the leg whose knee is straighter in the middle of the contact, while the other leg
 swings. This rule needs no segment lengths, no plate positions and no signs except that of the knee angle, which the
-data determine.
+data determine. Without the angles of both knees, the centre of pressure stays under the foot that stands, and the ankle
+of the other foot passes it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from klute_sim.datasets.foot_load import MAX_UNREPORTED_OFFSET, PlateOffset, estimate_plate_offset
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.errors import InputError
 from klute_sim.gait.contacts import MAX_EVENT_GAP_TIME, Contact, fill_swings, find_contacts
 from klute_sim.mask_runs import find_runs
@@ -31,6 +34,9 @@ TYPICAL_CONTACT_TIME = 0.7
 """Duration [s] of a contact that the start or end of the recording truncates (assumed)."""
 MIN_KNEE_DIFFERENCE = 5.0
 """Smallest difference of the knees' mean flexion [deg] that identifies a foot; in walking it is near 30."""
+MIN_PASSING_DISTANCE = 0.3
+"""Shortest distance by which the ankle of the other foot passes the centre of pressure within :data:`MIDSTANCE_RANGE`
+[m] (assumed; a swing carries it by 0.6 m or more, and the ankle that stands moves by a tenth of that)."""
 COP_TOLERANCE = 1e-9
 """Largest difference between equal centres of pressure, in the unit of the file."""
 MAX_SHARED_COP_FRACTION = 0.2
@@ -235,24 +241,36 @@ def assign_to_feet(
     knee_difference: Array,
     options: ImportOptions,
     log: ImportLog,
+    ankles: Mapping[Side, TimeSeries] = MappingProxyType({}),
 ) -> dict[Side, GroundReaction]:
     """Return the ground reaction of each foot from ``plates``.
 
-    ``knee_difference`` (n,) is the flexion of the right knee minus that of the left [deg] at ``time``. If the files
-    contain only one of the ``legs``, it gets all loads.
+    ``knee_difference`` (n,) is the flexion of the right knee minus that of the left [deg] at ``time``. Where it is
+    unknown, the centre of pressure shows the foot: it stays with the ankle of ``ankles`` (forward position [m]) that
+    stands. If the files contain only one of the ``legs``, it gets all loads that its ankle does not contradict.
     """
     contacts_by_side: dict[Side, list[tuple[GroundReaction, float, float]]] = {side: [] for side in SIDES}
     for plate, raw_loads in plates.items():
         loads = preprocess_load(raw_loads, plate, options, log)
         contacts = find_contacts(loads.time, loads.vertical, options.contact_threshold)
         feet = [_identify_foot(contact, time, knee_difference) for contact in contacts]
-        for foot, contact in zip(feet, contacts, strict=True):
+        passing = _find_passing_legs(legs, ankles, contacts, loads)
+        if not any(feet) and len(legs) == 2:
+            standing = [[leg for leg in legs if leg not in others] for others in passing]
+            feet = [sides[0] if len(sides) == 1 else None for sides in standing]
+        for foot, contact, others in zip(feet, contacts, passing, strict=True):
             identified = {f for f in feet if f is not None}
             side: Side | None = foot or (identified.pop() if len(identified) == 1 else None)
             if plate in SIDES:
                 side = "right" if plate == "right" else "left"
             elif len(legs) == 1:
                 side = legs[0]
+                if side in others:
+                    log.add_derived(
+                        f"Foot on a plate: contacts whose centre of pressure the {side} ankle passes are of the other "
+                        "foot and were left out"
+                    )
+                    continue
             if contact.toe_off - contact.foot_strike > MAX_CONTACT_TIME:
                 log.add_warning(
                     f"{loads.file_name}: {plate} is loaded for {contact.toe_off - contact.foot_strike:.2f} s without a "
@@ -266,7 +284,9 @@ def assign_to_feet(
             else:
                 contacts_by_side[side].append((loads, contact.foot_strike, contact.toe_off))
                 if plate not in SIDES and len(legs) > 1:
-                    log.add_derived(f"Foot on a plate: that of the leg with the straighter knee ({side}: {plate})")
+                    is_known = bool(np.isfinite(knee_difference).any())
+                    method = "of the leg with the straighter knee" if is_known else "whose ankle stands"
+                    log.add_derived(f"Foot on a plate: that {method} ({side}: {plate})")
     return {side: _merge_contacts(contacts) for side, contacts in contacts_by_side.items() if contacts}
 
 
@@ -281,6 +301,33 @@ def _identify_foot(contact: Contact, time: Array, knee_difference: Array) -> Sid
     if not len(midstance) or not abs(float(midstance.mean())) > MIN_KNEE_DIFFERENCE:
         return None
     return "left" if midstance.mean() > 0.0 else "right"
+
+
+def _find_passing_legs(
+    legs: Sequence[Side], ankles: Mapping[Side, TimeSeries], contacts: Sequence[Contact], loads: GroundReaction
+) -> list[set[Side]]:
+    """Return the legs whose ankle passes the centre of pressure of each contact.
+
+    If all complete contacts on the plate agree, the others, which the recording truncates, follow them.
+    """
+    passing = [{leg for leg in legs if _passes(ankles.get(leg), contact, loads)} for contact in contacts]
+    complete = [each for each, c in zip(passing, contacts, strict=True) if c.has_foot_strike and c.has_toe_off]
+    is_agreed = bool(complete) and all(each == complete[0] for each in complete)
+    return [complete[0]] * len(contacts) if is_agreed else passing
+
+
+def _passes(ankle: TimeSeries | None, contact: Contact, loads: GroundReaction) -> bool:
+    """Return whether ``ankle`` moves past the centre of pressure during ``contact``, as that of the other foot does."""
+    if ankle is None or loads.cop is None:
+        return False
+    duration = contact.toe_off - contact.foot_strike
+    low, high = (contact.foot_strike + fraction * duration for fraction in MIDSTANCE_RANGE)
+    known = np.isfinite(ankle.value)
+    inside = (loads.time >= low) & (loads.time <= high) & np.isfinite(loads.cop[:, 0])
+    if inside.sum() < 2 or known.sum() < 2:
+        return False
+    distance = loads.cop[inside, 0] - np.interp(loads.time[inside], ankle.time[known], ankle.value[known])
+    return bool(distance[-1] - distance[0] < -MIN_PASSING_DISTANCE)
 
 
 def _merge_contacts(contacts: Sequence[tuple[GroundReaction, float, float]]) -> GroundReaction:

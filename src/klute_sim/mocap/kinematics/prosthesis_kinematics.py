@@ -110,7 +110,8 @@ def _extract_from_markers(
             right.knee_angle - left.knee_angle if right and left else np.full(len(unfiltered.time), np.nan)
         )
         legs = [s for s in SIDES if landmarks[s] is not None]
-        foot_loads = loads.assign_to_feet(plates, legs, unfiltered.time, knee_difference, options, log)
+        ankles = {s: TimeSeries(one.time, one.ankle[:, 0]) for s, one in located.items()}
+        foot_loads = loads.assign_to_feet(plates, legs, unfiltered.time, knee_difference, options, log, ankles)
     log.require_accepted(checks.find_cop_findings({side: leg}, foot_loads), options.accept)
     ground_height = _estimate_ground_height(foot_loads[side]) if plates and side in foot_loads else 0.0
     log.add_derived("Shank inclination: line from ankle to knee, in the sagittal plane")
