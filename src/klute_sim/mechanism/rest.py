@@ -56,21 +56,18 @@ def move_to_rest(
     data.ctrl[:] = controls
     start = data.qpos.copy()
     release_friction(model, data)
-    moments: dict[str, float] = {}
+    frictions = {name: _compute_holding_moment(model, name) for name in known_joints if name not in held_joints}
+    frictions = {name: friction for name, friction in frictions.items() if friction > 0.0}
     with _without_friction_loss(model):
-        frictions = {name: _compute_holding_moment(model, name) for name in known_joints if name not in held_joints}
-        sticking = {name: moment for name, moment in frictions.items() if moment > 0.0}
-        held_by_friction = _solve_with_friction(model, data, devices, pressures, held_joints, sticking)
-        if held_by_friction is not None:
-            moments = held_by_friction
-        else:
+        moments = _solve_with_friction(model, data, devices, pressures, held_joints, frictions)
+        if moments is None:
             data.qpos[:] = start
             _relax(model, data, devices, pressures)
             for name in held_joints:
                 data.joint(name).qpos[0] = start[model.joint(name).qposadr[0]]
     data.qvel[:] = 0.0
     release_friction(model, data)
-    for name, moment in moments.items():
+    for name, moment in (moments or {}).items():
         load_friction(model, data, model.joint(name).id, moment / frictions[name])
     _set_devices_to_equilibrium(model, data, devices, pressures)
     data.time = 0.0
@@ -97,11 +94,11 @@ def _solve_with_friction(
     """
     dofs = {name: int(model.joint(name).dofadr[0]) for name in frictions}
     moments: dict[str, float] = {}
-    sliding: dict[str, float] = {}
+    slide_moments: dict[str, float] = {}  # of the joints that their friction does not hold
     while True:
-        for name, moment in sliding.items():
+        for name, moment in slide_moments.items():
             data.qfrc_applied[dofs[name]] = -moment
-        held = {*held_joints, *(frictions.keys() - sliding.keys())}
+        held = {*held_joints, *(frictions.keys() - slide_moments.keys())}
         is_at_rest = _solve_newton(model, data, devices, pressures, held)
         if is_at_rest and len(held) > len(held_joints):
             data.qvel[:] = 0.0
@@ -111,11 +108,11 @@ def _solve_with_friction(
         data.qfrc_applied[list(dofs.values())] = 0.0
         if not is_at_rest:
             return None
-        moments |= sliding
-        loose = {n: m for n, m in moments.items() if n not in sliding and abs(m) > frictions[n]}
-        if not loose:
+        moments |= slide_moments
+        excessive = {n: m for n, m in moments.items() if n not in slide_moments and abs(m) > frictions[n]}
+        if not excessive:
             return moments
-        sliding |= {name: math.copysign(frictions[name], moment) for name, moment in loose.items()}
+        slide_moments |= {name: math.copysign(frictions[name], moment) for name, moment in excessive.items()}
 
 
 def _solve_newton(
