@@ -94,7 +94,8 @@ WRONG_SIZES = {
         ("density * d.eccentric_coefficient", 0.5),
     ),
     "effects/families/seal.py": (
-        ("p.force * smooth_sign(velocity)\n\n\ndef stribeck", 2.0),
+        ("p.force * smooth_sign(velocity)\n\n\ndef viscous", 2.0),
+        ("velocity / p.viscous_speed", 2.0),
         ("p.stick_fraction * (", 2.0),
         ("state.speed / p.stribeck", 2.0),
         ("p.force * (state.seal_displacement", -1.0),

@@ -7,7 +7,7 @@ from benchmarks.effect_sizes.size import make_clamped_muscle, make_device, simul
 PRESSED = {"force_n": 8.0, "growth_per_bar": 0.3, "stiffness_n_per_mm": 50.0}
 
 
-VISCOUS = {"force_n": 8.0, "damping_n_s_per_m": 60.0}
+VISCOUS = {"force_n": 8.0, "viscous_speed_mm_per_s": 200.0}
 
 
 def simulate_seal(path: np.ndarray, pressure: float, form: str = "pressure") -> np.ndarray:
@@ -42,6 +42,6 @@ def test_viscous_friction_grows_with_speed_and_opposes_it(speed: float) -> None:
     step = 0.01 * speed
     out = 0.225 + step * np.arange(int(0.012 / step) + 2)
     seal = simulate_seal(np.concatenate([out, out[::-1]]), 3e5, "viscous")
-    expected = 8.0 + 60.0 * speed
+    expected = 8.0 * (1.0 + speed / 0.2)
     assert seal[1 : len(out)] == pytest.approx(expected, rel=3e-5)
     assert seal[len(out) + 1 :] == pytest.approx(-expected, rel=3e-5)

@@ -30,8 +30,8 @@ def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
 
 
 def viscous_seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
-    """Return the damper tension [N] plus ``F sign(v) + b v``."""
-    return force + p.force * smooth_sign(velocity) + p.damping * velocity
+    """Return the damper tension [N] plus ``F (sign(v) + v/v_v)``: dry friction, and as much viscous one at v_v."""
+    return force + p.force * (smooth_sign(velocity) + velocity / p.viscous_speed)
 
 
 def stribeck_friction(p: Any, state: Any, force: float, velocity: float) -> float:
@@ -124,16 +124,16 @@ SEAL_FRICTION = Effect(
         ),
         EffectForm(
             name="viscous",
-            equation="F += F_seal sign(v) + b v",
+            equation="F += F_seal (sign(v) + v/v_v)",
             parameters=(
                 SLIDING_FORCE,
                 EffectParameter(
-                    key="damping_n_s_per_m",
+                    key="viscous_speed_mm_per_s",
                     neutral=None,
-                    lower=1.0,
-                    upper=2000.0,
-                    typical=50.0,
-                    source="assumed: at 0.3 m/s as large as the dry friction",
+                    lower=10.0,
+                    upper=5000.0,
+                    typical=300.0,
+                    source="assumed: at 0.3 m/s the viscous friction is as large as the dry one",
                 ),
             ),
             laws={"damper_force": viscous_seal_friction},
