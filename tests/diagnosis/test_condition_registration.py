@@ -24,7 +24,7 @@ def simulator() -> Iterator[Simulator]:
 
 
 def describe(simulator: Simulator, cop_errors: Sequence[float], effects: str = "") -> list[str]:
-    """Return what is told of walks in three conditions, whose centre of pressure is wrong by ``cop_errors`` [m]."""
+    """Return the remarks on walks in three conditions, whose centre of pressure is wrong by ``cop_errors`` [m]."""
     walks = []
     for walk in make_walks(amplitudes=(1.0, 0.8, 0.6), effects=effects):
         shift = cop_errors[int(walk.group)] * walk.load.vertical
