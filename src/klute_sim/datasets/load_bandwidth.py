@@ -13,7 +13,8 @@ SLOW_BAND_HZ, FAST_BAND_HZ = (1.0, 4.0), (12.0, 18.0)
 """Bands [Hz] of the strides, and of foot strikes."""
 MIN_FAST_DENSITY = 2e-6
 """Smallest mean power density in the fast band over that in the slow band of a load that was not filtered (assumed:
-3e-5 to 7e-5 in published walks and 4e-4 in simulated ones; 1e-7 after a zero-lag filter of fourth order at 6 Hz)."""
+3e-5 and 7e-5 under the feet of a published walk, 4e-4 in simulated ones; 1e-7 after a zero-lag filter of fourth order
+at 6 Hz)."""
 WINDOW_TIME = 2.0
 """Length of the windows whose spectra are averaged [s]."""
 

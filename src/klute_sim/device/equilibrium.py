@@ -66,7 +66,7 @@ def compute_equilibrium_state(
     """Return the equilibrium state at unit length ``unit_length`` [m] under the pressure ``command`` [Pa].
 
     All internal states are in equilibrium, too. The search begins at the muscle length ``near_length`` [m] (None: where
-    the tendon is just taut); a length close to the equilibrium takes half the time.
+    the tendon is just taut); one close to the equilibrium takes fewer iterations.
     """
     state = compute_taut_state(parameters, unit_length, command)
     air = step_pressure(parameters, state, command, EQUILIBRIUM_TIME_STEP)

@@ -11,7 +11,7 @@ from klute_sim.types import Array
 
 MIN_REGISTRATION_SHARE = 0.6
 """Smallest share of the misfit that a number of the registration must take, fitted in each condition, to be reported
-(assumed: in five walks with other causes it took 0.01 to 0.13, in one with different plates 0.95)."""
+(assumed: in four walks with other causes it took 0.00 to 0.13, in one with different plates 0.95)."""
 MIN_SPREAD_SIGMAS = 1.0
 """Smallest difference between two conditions, in standard deviations of the number (assumed)."""
 

@@ -22,7 +22,8 @@ MAX_NEWTON_MOTION = 0.1
 POSITION_PERTURBATION = 1e-6
 """Change of a joint [m or rad] that measures how its acceleration depends on its position."""
 MAX_RESIDUAL_RATIO = 0.3
-"""Acceleration after a step, over that before, above which the dependence on the positions is measured again."""
+"""Acceleration after a step, over that before, above which the dependence on the positions is measured again
+(assumed)."""
 REST_TOLERANCE = 1e-9
 """Newton step of every joint [m or rad] below which the mechanism rests."""
 RELAXATION_TIME = 0.02

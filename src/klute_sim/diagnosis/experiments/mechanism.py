@@ -51,7 +51,8 @@ MIN_INITIAL_SPEED = {"angle": np.radians(5.0), "position": 0.01}
 NOISE_FACTOR = 5.0
 """Change of a position over its noise, above which it moves (assumed)."""
 MOTION_SIGMAS = 3.0
-"""Change of a position within that time, over its standard error, above which the joint moves (assumed)."""
+"""Change of a position within :data:`START_TIME_SPAN`, over its standard error, above which its start is not the mean
+(assumed)."""
 
 
 @dataclass(frozen=True, eq=False)
