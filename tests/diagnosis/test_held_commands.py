@@ -139,6 +139,7 @@ def replace_computations(monkeypatch: pytest.MonkeyPatch, *, chi2: float, has_re
     monkeypatch.setattr(held_commands, "has_repeats", lambda experiments: has_repeats)
     monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: chi2)
     monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
+    monkeypatch.setattr(held_commands, "_fit_gauges_and_supply", lambda prepared: prepared)
 
     def estimate(experiments: Any, rms: float, noise: Mapping[str, Noise]) -> dict[str, Misfit]:
         return {channel: Misfit(rms, 9.0, 400.0) for channel in noise} if has_repeats else {}
@@ -227,21 +228,61 @@ def test_pressure_decides_in_which_trials_commands_are_held(
     held_misfit: float, stepped_misfit: float, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A program that logs steps and sines at 200 Hz holds the steps until its next sample, and no sine."""
-    linear, held, stepped = (make_outcome("") for _ in range(3))
-    for outcome, rms in ((linear, 0.05e5), (held, held_misfit), (stepped, stepped_misfit)):
-        outcome.data.experiments, outcome.data.noise = [], {"pressure": None}
-        outcome.data.compute_residuals = lambda hypothesis, points, rms=rms: [rms]
+    prepared = prepare_with_misfits(monkeypatch, linear=0.05e5, held=held_misfit, stepped=stepped_misfit)
+    assert prepared == expected
+
+
+@pytest.mark.parametrize(
+    ("misfits", "expected"),
+    [
+        ({"linear": 0.03e5, "held": 0.02e5, "stepped": 0.0}, "stepped"),
+        ({"linear": 0.03e5, "held": 0.0, "stepped": 0.0}, "held"),
+        ({"linear": 0.0, "held": 0.0, "stepped": 0.0}, ""),
+        ({"linear": 0.03e5, "held": 0.03e5, "stepped": 0.03e5}, ""),
+    ],
+)
+def test_wrong_gauge_does_not_hide_which_course_the_pressure_agrees_with(
+    misfits: dict[str, float], expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A gauge that reads 1 % too much leaves a misfit for every course."""
+    left = dict.fromkeys(misfits, 0.05e5)
+    assert prepare_with_misfits(monkeypatch, **left, with_gauges=misfits) == expected
+
+
+def prepare_with_misfits(
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    linear: float,
+    held: float,
+    stepped: float,
+    with_gauges: Mapping[str, float] | None = None,
+) -> str:
+    """Return the course that is decided before the search, '' if none is, for misfits [Pa] of a measured pressure.
+
+    ``with_gauges`` are those with faults of the gauges and delays of the supply; None: the same.
+    """
+    left = {"linear": linear, "held": held, "stepped": stepped}
+    outcomes = {name: make_outcome("") for name in left}
+    extended = {id(outcome): make_outcome("") for outcome in outcomes.values()}
+    for name, outcome in outcomes.items():
+        for model, rms in ((outcome, left[name]), (extended[id(outcome)], (with_gauges or left)[name])):
+            model.data.experiments, model.data.noise = [], {"pressure": None}
+            model.data.compute_residuals = lambda hypothesis, points, rms=rms: [rms]
     step, sine = (
         SimpleNamespace(held_variant=name, has_stepped_command=name == "step", use="fit", measured=True)
         for name in ("step", "sine")
     )
-    linear.experiments = [step, sine]
+    outcomes["linear"].experiments = [step, sine]
     replace_computations(monkeypatch, chi2=0.0)
-    prepared = held_commands.prepare_held_commands(
-        linear, lambda trials: held if trials == ["step", "sine"] else stepped if trials == ["step", sine] else None
+    monkeypatch.setattr(held_commands, "_fit_gauges_and_supply", lambda prepared: extended[id(prepared)])
+    decided = held_commands.prepare_held_commands(
+        outcomes["linear"], lambda trials: outcomes["held" if trials == ["step", "sine"] else "stepped"]
     )
-    assert (prepared[0] if prepared else None) is {"held": held, "stepped": stepped, "": None}[expected]
-    assert prepared is None or prepared[1].startswith("The commands of trials") == (expected == "stepped")
+    if decided is None:
+        return ""
+    name = next(name for name, outcome in outcomes.items() if outcome is decided[0])
+    assert decided[1].startswith("The commands of trials") == (name == "stepped")
+    return name
 
 
 @pytest.mark.parametrize(
@@ -343,6 +384,14 @@ def test_gain_of_shifts_is_what_is_lost_without_all_of_them(monkeypatch: pytest.
 def test_held_command_is_no_delay(tmp_path: Path) -> None:
     diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", holds_command=True)))
     assert diagnosis.verdict == "nothing-missing"
+    assert any("held until their next sample" in reason for reason in diagnosis.reasons)
+
+
+@pytest.mark.slow
+def test_gauge_of_held_commands_is_named(tmp_path: Path) -> None:
+    distort = {"pressure": lambda time, value: 1.02 * value}
+    diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", holds_command=True, distort=distort)))
+    assert "sensor_gain@pressure" in {term.qualified_name for term in diagnosis.added_terms}
     assert any("held until their next sample" in reason for reason in diagnosis.reasons)
 
 

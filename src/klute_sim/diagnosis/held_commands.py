@@ -93,6 +93,12 @@ STEPS_REMARK = (
 """Beginning of the remark where commands are held in some trials only."""
 AGREEMENT = "and the measured pressure agrees with held ones only."
 """End of a remark where measured pressures decide."""
+GAUGE_EFFECTS = "sensor_gain", "sensor_offset"
+"""Faults of a gauge that must not hide which course of the commands the pressures agree with."""
+SUPPLY_TERMS = (EffectTerm("pressure_delay", "dead_time"), EffectTerm("pressure_lag", "first_order"))
+"""Effects of the supply that must not hide it."""
+COURSE_MAX_NFEV = 25
+"""Largest number of evaluations of the residuals of a fit with these."""
 
 
 def prepare_held_commands(
@@ -102,20 +108,37 @@ def prepare_held_commands(
 
     They decide before any search: :func:`select_command_course` would choose held commands whatever is named. Commands
     may also be held only in trials in which they change in steps: a program sets a step at a sample of its log, and a
-    smooth course between the samples, too. None where commands are linear, or the pressures do not decide.
+    smooth course between the samples, too. None where commands are linear, or the pressures do not decide. A wrong
+    gauge, or a late supply, leaves a misfit for every course. So where no course agrees, the courses are compared with
+    :data:`GAUGE_EFFECTS` and :data:`SUPPLY_TERMS`.
     """
     if not has_repeats(linear.data.experiments) or not _has_held_variants(linear.experiments):
         return None
     if not _has_misfit(linear.data, linear.base_fit):
         return None
-    held = prepare([e.held_variant or e for e in linear.experiments])
-    if _is_pressure_explained_by_course(linear, held):
-        return held, f"{HELD_REMARK}, {AGREEMENT}"
     changing = [e for e in linear.experiments if e.held_variant]
-    if not any(e.has_stepped_command for e in changing) or all(e.has_stepped_command for e in changing):
-        return None
-    stepped = prepare([(e.held_variant or e) if e.has_stepped_command else e for e in linear.experiments])
-    return (stepped, f"{STEPS_REMARK}, {AGREEMENT}") if _is_pressure_explained_by_course(linear, stepped) else None
+    courses = [(prepare([e.held_variant or e for e in linear.experiments]), f"{HELD_REMARK}, {AGREEMENT}")]
+    if _is_pressure_explained_by_course(linear, courses[0][0]):
+        return courses[0]
+    if any(e.has_stepped_command for e in changing) and not all(e.has_stepped_command for e in changing):
+        stepped = prepare([(e.held_variant or e) if e.has_stepped_command else e for e in linear.experiments])
+        courses.append((stepped, f"{STEPS_REMARK}, {AGREEMENT}"))
+        if _is_pressure_explained_by_course(linear, stepped):
+            return courses[1]
+    extended = _fit_gauges_and_supply(linear)
+    return next((c for c in courses if _is_pressure_explained_by_course(extended, _fit_gauges_and_supply(c[0]))), None)
+
+
+def _fit_gauges_and_supply(prepared: Preparation) -> Preparation:
+    """Return ``prepared`` with a fit with gains and zeros of all gauges, a dead time and a lag."""
+    hypothesis, x = prepared.base_fit.hypothesis, prepared.base_fit.x
+    gauges = (
+        EffectTerm(effect, "linear", name) for name in _select_pressure_noise(prepared.data) for effect in GAUGE_EFFECTS
+    )
+    for term in (*gauges, *SUPPLY_TERMS):
+        hypothesis = hypothesis.with_term(term)
+    start = np.append(x, np.zeros(len(hypothesis.parameters) - len(x)))
+    return prepared._replace(base_fit=fit_hypothesis(prepared.data, hypothesis, start, max_nfev=COURSE_MAX_NFEV))
 
 
 def _has_held_variants(experiments: list[Experiment]) -> bool:
