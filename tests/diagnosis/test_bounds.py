@@ -299,6 +299,25 @@ def test_value_that_is_not_determined_is_no_flaw_of_an_alternative(
     assert values["stick_fraction"] == pytest.approx(INSIDE)
 
 
+@pytest.mark.parametrize(("gains", "is_listed"), [((0.03, 0.03), True), ((0.03, 0.0), False), ((0.2, 0.03), False)])
+def test_rival_need_not_improve_validation_trials_more_than_the_best_model_does(
+    gains: tuple[float, float], is_listed: bool, data: WeightedData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The comparison of whole models may find a term that alone would not pass the selection."""
+    best, rival = make_fit(COULOMB, RELAXATION, time_constant_s=1.0), make_fit(COULOMB, THRESHOLD)
+    step = SelectionStep(make_fit(COULOMB, chi2=500.0), (), (best, rival), RELAXATION, {}, "")
+    search = ForwardSelection(data, [], [], history=[step])
+    monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
+    monkeypatch.setattr(
+        ForwardSelection, "compute_validation_gains", lambda self, before, after: {"v": gains[after is not best]}
+    )
+    monkeypatch.setattr(robustness, "refine_names", lambda data, fit: fit)
+    monkeypatch.setattr(robustness, "refit_without_term", lambda data, fit, term: make_fit(chi2=500.0))
+    monkeypatch.setattr(robustness, "screen_candidates", lambda data, fit, terms: [])
+    rivals = [model.fit.hypothesis.terms for model in find_equivalent_models(search, best)]
+    assert rivals == ([(COULOMB, THRESHOLD)] if is_listed else [])
+
+
 def test_choice_by_prediction_is_made_again_where_a_refined_fit_reaches_a_bound(
     data: WeightedData, replace_fits: Callable[[Refits], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:

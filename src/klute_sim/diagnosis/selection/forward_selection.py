@@ -316,8 +316,13 @@ class ForwardSelection:
             gains[group] = 1.0 - chi2[1] / chi2[0]
         return gains
 
-    def rejection_reason(self, before: Fit, after: Fit, validation_gains: dict[str, float]) -> str:
-        """Return why the last term of ``after`` is rejected; '' if it is accepted. ``before`` is without this term."""
+    def rejection_reason(
+        self, before: Fit, after: Fit, validation_gains: dict[str, float], max_required_gain: float = np.inf
+    ) -> str:
+        """Return why the last term of ``after`` is rejected; '' if it is accepted. ``before`` is without this term.
+
+        Validation trials need not improve by more than ``max_required_gain``.
+        """
         bic_gain = self._bic(before) - self._bic(after)
         term = after.hypothesis.terms[-1]
         if after.has_diverged or not np.isfinite(list(validation_gains.values())).all():
@@ -331,6 +336,7 @@ class ForwardSelection:
         if is_supply_only(self.data.experiments) and find_implausible_instrument(self.data, after) == term:
             return f"{term} {IMPLAUSIBLE_REASON}"
         min_gain = MIN_VALIDATION_GAIN if self.has_misfit(before) else NO_MISFIT_GAIN_FACTOR * MIN_VALIDATION_GAIN
+        min_gain = min(min_gain, max_required_gain)
         if bic_gain <= self.bic_threshold:
             return (
                 f"{term} explains no more than noise would (BIC {format_bic_drop(bic_gain, 1)}; a fall of more than "

@@ -8,7 +8,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.selection.bounds import has_value_at_bound, refine_names, simplify_at_bound
 from klute_sim.diagnosis.selection.candidates import list_further_terms
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_without_term
+from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection, refit_without_term
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.screening import screen_candidates, select_shortlist
 from klute_sim.types import ProgressCallback
@@ -156,14 +156,20 @@ def _identify_parameters(hypothesis: Hypothesis) -> list[tuple[EffectTerm | None
 def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_fit: Fit) -> bool:
     """Return whether ``rival`` is acceptable and not decisively worse than ``best_fit``.
 
-    Both add a term to ``reduced_fit``.
+    Both add a term to ``reduced_fit``. Where the comparison of whole models has found ``best_fit``, its term may
+    improve validation trials by less than the selection requires; then a rival must be as good, but not better.
     """
     n = search.data.n_effective
     lag, gain = rival.bic(n) - best_fit.bic(n), reduced_fit.bic(n) - best_fit.bic(n)
     max_lag = min(MAX_GAIN_LAG_FRACTION * gain, MAX_LAG_FACTOR * search.bic_threshold)
     if lag > search.bic_threshold and (lag > max_lag or search.has_misfit(best_fit) or search.has_misfit(rival)):
         return False
-    return not search.rejection_reason(reduced_fit, rival, search.compute_validation_gains(reduced_fit, rival))
+    gains = search.compute_validation_gains(reduced_fit, rival)
+    if not search.rejection_reason(reduced_fit, rival, gains):
+        return True
+    best_gains = search.compute_validation_gains(reduced_fit, best_fit)
+    required = float(np.mean(list(best_gains.values()) or [np.inf])) - MAX_VALIDATION_LOSS
+    return not search.rejection_reason(reduced_fit, rival, gains, required)
 
 
 def refine_and_simplify(search: ForwardSelection, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
