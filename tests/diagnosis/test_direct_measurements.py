@@ -56,6 +56,16 @@ def test_numbers_and_instruments_that_only_some_models_blame_are_measured() -> N
     assert "1.08 confirms sensor_gain@force, 1 refutes it" in weight.to_dict()["sentence"]
 
 
+def test_a_zero_is_read_at_the_unloaded_instrument() -> None:
+    offset = EffectTerm("sensor_offset", "linear", "force")
+    (zero,) = list_measurements([make_fit((TAPER, (0.4,))), make_fit((offset, (-14.4,)))])
+    assert (zero.name, zero.otherwise, zero.unit) == ("sensor_offset@force", 0.0, "N")
+    assert zero.expected == pytest.approx(-14.4)
+    assert zero.to_dict()["sentence"].startswith("Unload the cell of 'force' and read it: ")
+    too_small = make_fit((offset, (0.9 * DECISIVE_RATIO * zero.accuracy,)))
+    assert list_measurements([make_fit((TAPER, (0.4,))), too_small]) == []
+
+
 def test_what_all_models_share_needs_no_measurement() -> None:
     fits = [make_fit((GAIN, (1.08,)), (TAPER, (0.4,))), make_fit((GAIN, (1.07,)), (OIL, (40.0, 50.0)))]
     (oil,) = list_measurements(fits)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from klute_sim.datasets.mechanism import is_model_number
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.units import split_unit
@@ -91,6 +92,17 @@ CHANNEL_STANDARDS: Mapping[str, str] = {
 """Quantity of a channel -> what its instrument is compared with."""
 GAIN_ACCURACY = 5e-3
 """Accuracy of the gain of an instrument compared with a standard (assumed)."""
+
+
+CHANNEL_ZEROS: Mapping[str, MeasurementMethod] = {
+    "force": MeasurementMethod("Unload the cell of '{}' and read it", 0.5),
+    "pressure": MeasurementMethod("Vent the muscle and read '{}'", 0.01),
+    **dict.fromkeys(
+        ("angle", "ankle_angle"),
+        MeasurementMethod("Compare the reading of '{}' with a protractor or an inclinometer", 0.2),
+    ),
+}
+"""Quantity of a channel -> how to read the zero of its instrument; accuracies in N, bar and degrees (assumed)."""
 
 
 class DirectMeasurement(NamedTuple):
@@ -187,6 +199,9 @@ def _find_method(term: EffectTerm, key: str) -> tuple[MeasurementMethod | None, 
     if term.channel is None:
         return EFFECT_METHODS.get((term.effect, key)), unit
     quantity = next((q for q in CHANNEL_STANDARDS if term.channel == q or term.channel.startswith(f"{q}_")), None)
+    if term.effect == "sensor_offset" and quantity is not None and quantity in CHANNEL_ZEROS:
+        method = CHANNEL_ZEROS[quantity]
+        return method._replace(instruction=method.instruction.format(term.channel)), CHANNEL_UNITS[term.channel][0]
     if term.effect != "sensor_gain" or quantity is None:
         return None, unit
     instruction = f"Compare the reading of '{term.channel}' with {CHANNEL_STANDARDS[quantity]}"
