@@ -60,7 +60,8 @@ def test_sentences_say_that_a_simulation_diverges(result: PredictiveResult) -> N
     )
     rejections = {rejection.term: rejection.reason for rejection in list_rejections(cast(Any, diagnosis))}
     assert rejections == {TAPER: DIVERGENCE_REASON, FRICTION: "a simulation diverges in a prediction"}
-    assert f"The best, {FRICTION}, may not: {DIVERGENCE_REASON}." in decide_verdict(result).reasons[-1]
+    sentence = f"{FRICTION} would predict best, but may not be named: {DIVERGENCE_REASON}."
+    assert sentence in decide_verdict(result).reasons[-1]
 
 
 def test_share_is_that_of_the_folds_that_the_model_without_effects_predicts() -> None:

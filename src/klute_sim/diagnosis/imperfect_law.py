@@ -158,9 +158,8 @@ def decide_verdict(
         )
         return ImperfectLawDecision(unexplained, reasons)
     if result.rivals:
-        sets = " or ".join(_list_terms(model) for model in result.rivals)
         reasons.append(
-            f"{sets} would predict as well: the difference is less than one standard error, or than "
+            f"{_list_rivals(result)} would predict as well: the difference is less than one standard error, or than "
             f"{100 * (MAX_RIVAL_RATIO - 1):.0f} % of the error."
         )
         return ImperfectLawDecision("indistinguishable", reasons)
@@ -210,13 +209,24 @@ def _explain_no_choice(result: PredictiveResult) -> str:
     change = "" if ratio is None else f" ({100.0 * (ratio - 1.0):+.0f} % of the squared error)"
     if best.obstacle:
         return (
-            f"No effect that may be named improves the predictions. The best, {_list_terms(best)}{change}, may not: "
-            f"{best.obstacle}."
+            f"No effect that may be named improves the predictions enough. {_list_terms(best)} would predict best"
+            f"{change}, but may not be named: {best.obstacle}."
         )
     return (
         f"No effect improves the predictions enough. The best, {_list_terms(best)}{change}, is better by less than one "
         "standard error, or fewer effects predict as well."
     )
+
+
+def _list_rivals(result: PredictiveResult) -> str:
+    """Return the rivals of the chosen model; what all of them share with it is said once."""
+    models = [set(model.identities) for model in (result.chosen, *result.rivals)]
+    shared = set.intersection(*models)
+    if not shared or any(model == shared for model in models):
+        return " or ".join(map(_list_terms, result.rivals))
+    common = " and ".join(str(term) for term in result.chosen.terms if term.identity in shared)
+    rest = [[str(term) for term in model.terms if term.identity not in shared] for model in result.rivals]
+    return f"Beside {common}, {' or '.join(' with '.join(terms) for terms in rest)}"
 
 
 def _list_terms(model: PredictiveModel) -> str:

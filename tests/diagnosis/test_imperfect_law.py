@@ -1,0 +1,41 @@
+"""Sentences on models of an imperfect law that predict as well as each other."""
+
+import numpy as np
+import pytest
+
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.imperfect_law import decide_verdict
+from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
+
+DRIFT = EffectTerm("sensor_drift", "linear", "force")
+OFFSET = EffectTerm("sensor_offset", "linear", "force")
+TENSION = EffectTerm("passive_tension", "exponential")
+
+
+def make_model(*terms: EffectTerm, error: float) -> PredictiveModel:
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), (("force", 3.0),), terms)
+    x = hypothesis.initial_point()
+    fit = Fit(hypothesis, x, np.array([np.sqrt(error)]), np.ones((1, len(x))), True, [])
+    return PredictiveModel(fit, np.full(6, error), np.tile(x, (6, 1)))
+
+
+@pytest.mark.parametrize(
+    ("rivals", "expected"),
+    [
+        ([(DRIFT, TENSION)], "Beside sensor_drift of force, passive_tension (exponential) would"),
+        ([(TENSION, DRIFT), (DRIFT,)], "passive_tension (exponential) and sensor_drift of force or sensor_drift of"),
+        ([(TENSION,)], "passive_tension (exponential) would"),
+    ],
+)
+def test_what_rivals_share_with_the_chosen_model_is_said_once(
+    rivals: list[tuple[EffectTerm, ...]], expected: str
+) -> None:
+    base, chosen = make_model(error=9.0), make_model(DRIFT, OFFSET, error=1.0)
+    others = [make_model(*terms, error=1.0) for terms in rivals]
+    stability = dict.fromkeys(chosen.terms, 1.0)
+    result = PredictiveResult(base, chosen, others, [chosen, *others, base], stability, 0.9, 0.0, "condition", 6)
+    decision = decide_verdict(result)
+    assert decision.verdict == "indistinguishable"
+    assert decision.reasons[-1].startswith(expected)
