@@ -299,6 +299,28 @@ def test_value_that_is_not_determined_is_no_flaw_of_an_alternative(
     assert values["stick_fraction"] == pytest.approx(INSIDE)
 
 
+@pytest.mark.parametrize(
+    ("coarse_chi2", "refined_chi2", "n_fits", "is_reproducible", "chi2"),
+    [(10.5, 0.0, 2, True, 10.0), (12.0, 10.2, 3, True, 10.0), (12.0, 12.0, 3, False, 10.0), (8.0, 7.0, 3, False, 7.0)],
+    ids=["agrees", "agrees once it is refined", "ends elsewhere", "ends elsewhere and is better"],
+)
+def test_restart_that_ends_elsewhere_is_refined(
+    coarse_chi2: float,
+    refined_chi2: float,
+    n_fits: int,
+    is_reproducible: bool,
+    chi2: float,
+    data: WeightedData,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Coarse simulations have an error of their own at each beginning of a fit."""
+    fits = iter(make_fit(COULOMB, chi2=value) for value in (10.0, coarse_chi2, refined_chi2))
+    monkeypatch.setattr(robustness, "fit_hypothesis", lambda *arguments, **options: next(fits))
+    best, has_converged = robustness.check_convergence(data, make_fit(COULOMB, chi2=11.0), np.random.default_rng(0))
+    assert (best.chi2, has_converged) == (pytest.approx(chi2), is_reproducible)
+    assert len(list(fits)) == 3 - n_fits
+
+
 @pytest.mark.parametrize(("gains", "is_listed"), [((0.03, 0.03), True), ((0.03, 0.0), False), ((0.2, 0.03), False)])
 def test_rival_need_not_improve_validation_trials_more_than_the_best_model_does(
     gains: tuple[float, float], is_listed: bool, data: WeightedData, monkeypatch: pytest.MonkeyPatch

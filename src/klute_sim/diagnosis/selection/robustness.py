@@ -188,7 +188,8 @@ def check_convergence(data: WeightedData, best_fit: Fit, rng: np.random.Generato
     """Refine ``best_fit`` and restart it from a perturbed point.
 
     Returns the better fit, and whether both fits converged and agree. The restart is :data:`RESTART_SIGMAS` standard
-    errors away in each parameter, within its bounds.
+    errors away in each parameter, within its bounds. Where it ends elsewhere, it is refined as well: the error of
+    coarse simulations depends on where a fit begins.
     """
     if not len(best_fit.x):
         return best_fit, best_fit.converged
@@ -198,8 +199,12 @@ def check_convergence(data: WeightedData, best_fit: Fit, rng: np.random.Generato
     signs = rng.choice([-1.0, 1.0], len(std_errors))
     offset = signs * np.maximum(RESTART_SIGMAS * std_errors, MIN_RESTART_OFFSET)
     restarted = fit_hypothesis(data, best_fit.hypothesis, best_fit.x + offset)
-    is_agreed = abs(restarted.chi2 - best_fit.chi2) < CHI2_TOLERANCE
-    has_converged = best_fit.converged and restarted.converged and is_agreed
-    if restarted.chi2 < best_fit.chi2 - CHI2_TOLERANCE:
-        best_fit = fit_hypothesis(data, best_fit.hypothesis, restarted.x, fine=True)
-    return best_fit, has_converged
+    if not (restarted.converged and agree(restarted, best_fit)):
+        restarted = fit_hypothesis(data, best_fit.hypothesis, restarted.x, fine=True)
+    has_converged = best_fit.converged and restarted.converged and agree(restarted, best_fit)
+    return restarted if restarted.chi2 < best_fit.chi2 - CHI2_TOLERANCE else best_fit, has_converged
+
+
+def agree(first: Fit, second: Fit) -> bool:
+    """Return whether two fits of one hypothesis end with nearly the same chi squared."""
+    return abs(first.chi2 - second.chi2) < CHI2_TOLERANCE
