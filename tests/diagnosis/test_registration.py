@@ -67,7 +67,7 @@ def test_corrections_that_matter_are_told() -> None:
         ("tendon.stiffness_1_n_per_mm", 60.0, (59.0, 61.0)),
     ]
     (sentence,) = describe_registration(rows)
-    assert "the centre of pressure lies 5 mm further back than measured" in sentence
+    assert "the centre of pressure lies 5 [4.7, 5.2] mm further back than measured" in sentence
     assert describe_registration(rows[1:]) == []
 
 

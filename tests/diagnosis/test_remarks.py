@@ -46,9 +46,11 @@ def test_choice_of_candidates_is_repeated() -> None:
     assert describe_tested_candidates((), ()) == []
     (sentence,) = describe_tested_candidates(("sensor_gain@force", "leak"), ("number_error",))
     assert "only sensor_gain@force, leak may be named, and number_error may not be named" in sentence
-    assert sentence.endswith("another cause may explain the data as well, and the probabilities do not count it.")
+    assert sentence.endswith(
+        "whether other causes explain the data was not examined, and the probabilities do not count them."
+    )
     (sentence,) = describe_tested_candidates((), ("number_error",))
-    assert sentence.endswith("another cause may explain the data as well.")
+    assert sentence.endswith("whether other causes explain the data was not examined.")
 
 
 def test_change_of_an_uncertain_number_is_stated_from_two_standard_deviations_on() -> None:

@@ -139,7 +139,9 @@ def decide_verdict(
         f"prediction that noise does not explain; chosen again without one {kind}: {stability}.",
     ]
     if result.share < MIN_SHARE:
-        reasons.append(f"Less than {100 * MIN_SHARE:.0f} % is not worth a name.")
+        reasons.append(
+            f"A share of {100 * result.share:.0f} % is not worth a name, which takes {100 * MIN_SHARE:.0f} % or more."
+        )
         return ImperfectLawDecision(unexplained, reasons)
     if result.has_substitutes:
         reasons.append(

@@ -32,8 +32,8 @@ def describe_tested_candidates(only: Sequence[str], exclude: Sequence[str]) -> l
     clauses += [f"{', '.join(exclude)} may not be named"] if exclude else []
     if not clauses:
         return []
-    sentence = f"By choice of the user {', and '.join(clauses)}: another cause may explain the data as well"
-    return [f"{sentence}, and the probabilities do not count it." if only else f"{sentence}."]
+    sentence = f"By choice of the user {', and '.join(clauses)}: whether other causes explain the data was not examined"
+    return [f"{sentence}, and the probabilities do not count them." if only else f"{sentence}."]
 
 
 def describe_excessive_commands(trials: Sequence[Trial]) -> list[str]:

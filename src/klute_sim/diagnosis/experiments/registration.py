@@ -159,7 +159,12 @@ def describe_registration(rows: Iterable[tuple[str, float, tuple[float, float]]]
         if is_large and low * high > 0.0:
             statement, positive, negative = REGISTRATION_WORDS[name]
             direction = positive if value > 0.0 else negative
-            statements.append(statement.format(size=f"{abs(value):.2g}", direction=direction))
+            ends = sorted((abs(low), abs(high)))
+            size = f"{abs(value):.2g} [{ends[0]:.2g}, {ends[1]:.2g}]"
+            statements.append(statement.format(size=size, direction=direction))
     if not statements:
         return []
-    return [f"The registration of the walks was corrected: {', '.join(statements)} than measured."]
+    return [
+        f"The fit corrected the registration of the walks (95 % intervals in brackets): {', '.join(statements)} than "
+        "measured."
+    ]
