@@ -157,7 +157,10 @@ ROD_SIDE_AREA = Effect(
 
 CAVITATION = Effect(
     name="cavitation",
-    description="Fast shortening draws a void into the damper's oil: its force is limited, and a dead stroke follows.",
+    description=(
+        "Fast shortening draws a void into the damper's oil, which limits its force. Lengthening closes the void, with "
+        "the piston and the flow through the orifice, before the damper resists: a dead stroke."
+    ),
     kind="device",
     forms=(
         EffectForm(
