@@ -14,6 +14,7 @@ from klute_sim.diagnosis.remarks import (
     describe_contradicted_numbers,
     describe_exceeded_tolerance,
     describe_excessive_commands,
+    describe_length_zero,
     describe_refitted_numbers,
     describe_tested_candidates,
     describe_undetermined_parameters,
@@ -40,6 +41,17 @@ def test_commands_beyond_the_supply_are_stated_with_the_excess() -> None:
     (sentence,) = describe_excessive_commands([low, high, higher])
     assert f"commands of 2 of 3 trials exceed supply.pressure_bar = {supply:.3g} of the device" in sentence
     assert "by up to 2.5 bar in 'c'" in sentence
+
+
+def test_twins_of_a_wrong_zero_of_the_length_are_told() -> None:
+    trial, slack = make_trial("a", 1.0), EffectTerm("tendon_slack", "dead_length")
+    leak = EffectTerm("leak", "orifice")
+    fits = [make_fit(Hypothesis(NOMINAL, (), (), (term,)), np.zeros(1)) for term in (slack, make_number_term(SLACK))]
+    assert describe_length_zero([trial], fits) == []  # no length is prescribed
+    trial.prescribed["length"] = TimeSeries(np.arange(1000.0), np.full(1000, 0.3))
+    (sentence,) = describe_length_zero([trial], fits)
+    assert f"looks like {SLACK} and tendon_slack in every reading" in sentence
+    assert describe_length_zero([trial], [make_fit(Hypothesis(NOMINAL, (), (), (leak,)), np.zeros(2))]) == []
 
 
 def test_choice_of_candidates_is_repeated() -> None:

@@ -1,6 +1,6 @@
 """Remarks about commands, fitted numbers, tolerances and displays, which are among the reasons of a verdict."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -22,6 +22,8 @@ MAX_INTERVAL_FRACTION = 0.5
 the value is not determined (assumed)."""
 HIGH_COMMAND_PERCENTILE = 99.0
 """Percentile of the commands of a trial that is compared with the supply; a spike in a log is higher (assumed)."""
+LENGTH_ZERO_TWINS = frozenset({"tendon_slack", "tendon.slack_length_mm"})
+"""Effect and number that a wrong zero of the length imitates exactly."""
 MAX_COMMAND_RATIO = 1.02
 """Largest ratio of a command to the pressure of the supply that is no reason for a remark (assumed: a calibration)."""
 
@@ -67,6 +69,20 @@ def _pair_commands(trial: Trial) -> Iterator[tuple[Device, Array]]:
     for channel, device in (devices or {COMMAND_CHANNEL: trial.device}).items():
         if channel in trial.prescribed and device.spec.supply is not None:
             yield device, trial.prescribed[channel].value
+
+
+def describe_length_zero(trials: Sequence[Trial], fits: Iterable[Fit]) -> list[str]:
+    """Return a sentence if some of the ``fits`` name what a wrong zero of the prescribed length looks like.
+
+    A longer tendon at rest and a length that reads too much are the same in every reading.
+    """
+    names = {term.number or term.effect for fit in fits for term in fit.hypothesis.terms} & LENGTH_ZERO_TWINS
+    if not names or not any("length" in trial.prescribed for trial in trials):
+        return []
+    return [
+        f"A wrong zero of the prescribed 'length' looks like {' and '.join(sorted(names))} in every reading: check the "
+        "zero of the machine before you correct the device."
+    ]
 
 
 def describe_contradicted_numbers(fit: Fit) -> list[str]:
