@@ -126,19 +126,22 @@ def prepare_held_commands(
         if _is_pressure_explained_by_course(linear, stepped):
             return courses[1]
     extended = _fit_gauges_and_supply(linear)
+    if not _has_misfit(extended.data, extended.base_fit):
+        return None
     return next((c for c in courses if _is_pressure_explained_by_course(extended, _fit_gauges_and_supply(c[0]))), None)
 
 
 def _fit_gauges_and_supply(prepared: Preparation) -> Preparation:
-    """Return ``prepared`` with a fit with gains and zeros of all gauges, a dead time and a lag."""
-    hypothesis, x = prepared.base_fit.hypothesis, prepared.base_fit.x
-    gauges = (
-        EffectTerm(effect, "linear", name) for name in _select_pressure_noise(prepared.data) for effect in GAUGE_EFFECTS
-    )
-    for term in (*gauges, *SUPPLY_TERMS):
-        hypothesis = hypothesis.with_term(term)
-    start = np.append(x, np.zeros(len(hypothesis.parameters) - len(x)))
-    return prepared._replace(base_fit=fit_hypothesis(prepared.data, hypothesis, start, max_nfev=COURSE_MAX_NFEV))
+    """Return ``prepared`` with a fit of its pressures with gains and zeros of all gauges, a dead time and a lag.
+
+    Of the uncertain numbers, only those of the supply are fitted; the pressure hardly depends on others.
+    """
+    data, device = prepared.data, prepared.base_fit.hypothesis
+    pressures = replace(data, noise=_select_pressure_noise(data), cache=None)
+    supply = tuple((key, std) for key, std in device.uncertainties if key.rpartition("/")[2].startswith("supply."))
+    gauges = (EffectTerm(effect, "linear", name) for name in pressures.noise for effect in GAUGE_EFFECTS)
+    hypothesis = replace(device, uncertainties=supply, registration=(), terms=(*device.terms, *gauges, *SUPPLY_TERMS))
+    return prepared._replace(base_fit=fit_hypothesis(pressures, hypothesis, max_nfev=COURSE_MAX_NFEV))
 
 
 def _has_held_variants(experiments: list[Experiment]) -> bool:
