@@ -199,12 +199,12 @@ def check_convergence(data: WeightedData, best_fit: Fit, rng: np.random.Generato
     signs = rng.choice([-1.0, 1.0], len(std_errors))
     offset = signs * np.maximum(RESTART_SIGMAS * std_errors, MIN_RESTART_OFFSET)
     restarted = fit_hypothesis(data, best_fit.hypothesis, best_fit.x + offset)
-    if not (restarted.converged and agree(restarted, best_fit)):
+    if not (restarted.converged and _have_equal_chi2(restarted, best_fit)):
         restarted = fit_hypothesis(data, best_fit.hypothesis, restarted.x, fine=True)
-    has_converged = best_fit.converged and restarted.converged and agree(restarted, best_fit)
+    has_converged = best_fit.converged and restarted.converged and _have_equal_chi2(restarted, best_fit)
     return restarted if restarted.chi2 < best_fit.chi2 - CHI2_TOLERANCE else best_fit, has_converged
 
 
-def agree(first: Fit, second: Fit) -> bool:
-    """Return whether two fits of one hypothesis end with nearly the same chi squared."""
+def _have_equal_chi2(first: Fit, second: Fit) -> bool:
+    """Return whether two fits of one hypothesis end with the same chi squared, within :data:`CHI2_TOLERANCE`."""
     return abs(first.chi2 - second.chi2) < CHI2_TOLERANCE
