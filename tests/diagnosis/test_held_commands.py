@@ -275,9 +275,14 @@ def prepare_with_misfits(
     outcomes["linear"].experiments = [step, sine]
     replace_computations(monkeypatch, chi2=0.0)
     monkeypatch.setattr(held_commands, "_fit_gauges_and_supply", lambda prepared: extended[id(prepared)])
-    decided = held_commands.prepare_held_commands(
-        outcomes["linear"], lambda trials: outcomes["held" if trials == ["step", "sine"] else "stepped"]
-    )
+
+    def prepare_trials(trials: list[Any]) -> Any:
+        if trials == ["step", "sine"]:
+            return outcomes["held"]
+        assert trials == ["step", sine]
+        return outcomes["stepped"]
+
+    decided = held_commands.prepare_held_commands(outcomes["linear"], prepare_trials)
     if decided is None:
         return ""
     name = next(name for name, outcome in outcomes.items() if outcome is decided[0])

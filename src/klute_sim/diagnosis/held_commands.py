@@ -98,7 +98,8 @@ GAUGE_EFFECTS = "sensor_gain", "sensor_offset"
 SUPPLY_TERMS = (EffectTerm("pressure_delay", "dead_time"), EffectTerm("pressure_lag", "first_order"))
 """Effects of the supply that must not hide it."""
 COURSE_MAX_NFEV = 25
-"""Largest number of evaluations of the residuals of a fit with these."""
+"""Largest number of evaluations of the residuals of a fit with these (assumed: with 10, a dead time and a lag had not
+converged in one dataset)."""
 
 
 def prepare_held_commands(
@@ -126,7 +127,7 @@ def prepare_held_commands(
         if _is_pressure_explained_by_course(linear, stepped):
             return courses[1]
     extended = _fit_gauges_and_supply(linear)
-    if not _has_misfit(extended.data, extended.base_fit):
+    if not _has_misfit(extended.data, extended.base_fit):  # linear commands agree as well
         return None
     return next((c for c in courses if _is_pressure_explained_by_course(extended, _fit_gauges_and_supply(c[0]))), None)
 

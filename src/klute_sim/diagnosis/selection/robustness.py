@@ -157,7 +157,7 @@ def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_
     """Return whether ``rival`` is acceptable and not decisively worse than ``best_fit``.
 
     Both add a term to ``reduced_fit``. Where the comparison of whole models has found ``best_fit``, its term may
-    improve validation trials by less than the selection requires; then a rival must be as good, but not better.
+    improve validation trials by less than the selection requires; then a rival must be nearly as good on them.
     """
     n = search.data.n_effective
     lag, gain = rival.bic(n) - best_fit.bic(n), reduced_fit.bic(n) - best_fit.bic(n)
