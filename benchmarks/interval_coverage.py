@@ -25,7 +25,8 @@ from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals, compute_noise_errors
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 
 Effects = Mapping[tuple[str, str], Mapping[str, float]]

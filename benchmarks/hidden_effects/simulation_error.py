@@ -36,7 +36,7 @@ from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 
 NO_NOISE = Noise(force=1e-6, pressure=1e-9, muscle_length=1e-7, wander=0.0, logged_length=0.0, logged_command=0.0)
 """Noise that only the decimals of the files exceed; 0 would stand for the usual one."""

@@ -6,7 +6,7 @@ from klute_sim.datasets import dataset as datasets
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.workflow import fit_base_device
 from tests.diagnosis.synthetic_dataset import write_dataset
 

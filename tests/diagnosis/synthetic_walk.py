@@ -12,7 +12,7 @@ from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.registration import PlateLoad
 from klute_sim.diagnosis.experiments.simulator import Simulator, simulate_extrapolated
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.gait.replay.foot import build_device_foot
 from klute_sim.gait.replay.rollout import ReplayInputs

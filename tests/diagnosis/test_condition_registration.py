@@ -11,7 +11,8 @@ from klute_sim.diagnosis.condition_registration import describe_condition_regist
 from klute_sim.diagnosis.experiments.registration import REGISTRATION_DEVIATIONS
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from tests.diagnosis.synthetic_walk import DEVICE, make_walks
 

@@ -21,7 +21,8 @@ from klute_sim.diagnosis.fitting.confidence_intervals import (
     place_noise,
 )
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import AlignedRepeats, estimate_noise_from_repeats
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats
 

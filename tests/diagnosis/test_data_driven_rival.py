@@ -22,7 +22,8 @@ from klute_sim.diagnosis.discrepancy.sparse_regression import DataDrivenTermResu
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, SelectionStep
 from klute_sim.diagnosis.selection.naming import list_kinds
 from klute_sim.diagnosis.selection.screening import screen_candidates

@@ -12,8 +12,9 @@ from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import NUMBER_ERROR_NAME, compute_plausible_error
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.remarks import describe_contradicted_numbers
 from klute_sim.diagnosis.selection.candidates import SPECIMEN_NUMBERS, list_further_terms, list_specimen_numbers
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection

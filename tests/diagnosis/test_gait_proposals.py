@@ -8,7 +8,8 @@ import pytest
 
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.planning import gait_proposals
 from klute_sim.diagnosis.planning.gait_proposals import GaitProposal, propose_gait_experiment
 from klute_sim.diagnosis.planning.gait_protocols import GaitProtocol, list_gait_protocols

@@ -11,7 +11,8 @@ from klute_sim.diagnosis.discrepancy import imitation
 from klute_sim.diagnosis.discrepancy.imitation import DataDrivenComparison, compare_with_data_driven_models
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error

@@ -19,8 +19,9 @@ from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator, observe, simulate_extrapolated
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
 from klute_sim.diagnosis.fitting.number_error import list_model_error_candidates
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals

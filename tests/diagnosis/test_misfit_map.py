@@ -9,7 +9,8 @@ from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.localization.misfit_map import label_samples, map_misfit
 from klute_sim.diagnosis.localization.misfit_regions import compute_held_speed
 from klute_sim.diagnosis.noise.misfit import is_significant

@@ -12,7 +12,8 @@ from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.localization.misfit_regions import MisfitRegion, _find_region, locate_misfit
 from klute_sim.diagnosis.noise.repeats import Residuals, estimate_noise_from_repeats
 from klute_sim.mechanism.assembly import Mechanism

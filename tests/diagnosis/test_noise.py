@@ -11,7 +11,7 @@ from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise import repeats as noises
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation, estimate_correlation_time
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales

@@ -8,7 +8,8 @@ import pytest
 from scipy.optimize import brentq, least_squares
 from scipy.stats import norm
 
-from klute_sim.diagnosis.fitting.profile_likelihood import MAX_EVALUATIONS, Point, ResidualFunction, find_profile_limits
+from klute_sim.diagnosis.fitting.profile_likelihood import MAX_EVALUATIONS, ResidualFunction, find_profile_limits
+from klute_sim.diagnosis.fitting.secant import Point
 
 QUANTILE = float(norm.ppf(0.975))
 Model = Callable[[np.ndarray], np.ndarray]

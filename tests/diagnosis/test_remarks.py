@@ -8,7 +8,7 @@ import pytest
 from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.diagnosis.remarks import (
     describe_contradicted_numbers,

@@ -12,7 +12,8 @@ from klute_sim.datasets.trial import SensorLimits
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.p_value import IRRELEVANT_MEAN_SQUARES, compute_p_value, convert_to_p_value
 from klute_sim.diagnosis.noise.repeat_products import (
     RepeatContrasts,

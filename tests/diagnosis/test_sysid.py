@@ -26,7 +26,8 @@ from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.dependent_numbers import replace_values
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.plant import callbacks, models

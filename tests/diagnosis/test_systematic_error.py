@@ -17,13 +17,14 @@ from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting import confidence_intervals
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import (
     MisfitInfluence,
     collect_shared_misfits,
     estimate_misfit_error,
     estimate_preparation_errors,
 )
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.gait.replay.prescribed import CUTOFF_FREQUENCY_HZ, prepare_prescribed_motion
 from tests.diagnosis import synthetic_gait_dataset as synthetic_gait_dataset

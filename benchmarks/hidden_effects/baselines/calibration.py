@@ -9,7 +9,8 @@ from benchmarks.hidden_effects.baselines.trials import Trials, Verdict, compute_
 
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_repeats
 from klute_sim.diagnosis.selection.candidates import list_candidate_terms

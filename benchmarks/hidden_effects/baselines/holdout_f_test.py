@@ -16,7 +16,8 @@ from scipy.stats import false_discovery_control
 from scipy.stats import t as student_t
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, linearize
+from klute_sim.diagnosis.fitting.least_squares import Fit, linearize
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.errors import InputError
 from klute_sim.types import Array
 

@@ -10,7 +10,7 @@ from benchmarks.hidden_effects.baselines.calibration import (
 )
 from benchmarks.hidden_effects.baselines.trials import Trials, Verdict
 
-from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.screening import screen_candidates, select_shortlist
 

@@ -15,7 +15,8 @@ from benchmarks.hidden_effects.baselines.calibration import MAX_EFFECTS, Calibra
 from benchmarks.hidden_effects.baselines.trials import Trials, Verdict
 
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
 from klute_sim.types import Array
 

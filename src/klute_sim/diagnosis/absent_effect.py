@@ -6,7 +6,7 @@ from klute_sim.diagnosis.final_model import FinalModel
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.diagnosis.selection.forward_selection import refit_without_term
+from klute_sim.diagnosis.selection.refits import refit_without_term
 
 
 def find_term_without_effect(fit: Fit, intervals: Sequence[tuple[float, float]]) -> tuple[EffectTerm, float] | None:

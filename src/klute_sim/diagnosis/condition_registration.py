@@ -5,7 +5,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from klute_sim.diagnosis.experiments.registration import REGISTRATION_DEVIATIONS, REGISTRATION_WORDS
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import group_repeats
 from klute_sim.types import Array
 

@@ -12,7 +12,7 @@ from klute_sim.datasets.trial import MIN_SAMPLES
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, MAX_WARM_UP_TIME, Experiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import (
     MIN_COMMON_SAMPLES,
     Residuals,

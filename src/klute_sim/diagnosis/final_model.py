@@ -17,7 +17,8 @@ from klute_sim.diagnosis.discrepancy.imitation import compare_with_data_driven_m
 from klute_sim.diagnosis.discrepancy.sparse_regression import add_data_driven_term
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.imperfect_law import ImperfectLawDecision, compute_jackknife_intervals
 from klute_sim.diagnosis.localization.equation_residuals import EquationResidual, compute_equation_residuals
 from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS

@@ -10,10 +10,12 @@ from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.final_model import FinalModel
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import Noise
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, refit_without_term
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.refits import refit_without_term
 from klute_sim.types import ProgressCallback
 
 TIME_SHIFTS = frozenset({"clock_skew", "pressure_delay"})

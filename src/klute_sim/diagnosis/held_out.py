@@ -8,7 +8,8 @@ import numpy as np
 
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.misfit import MIN_MISFIT_FRACTION, Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import Residuals

@@ -12,8 +12,9 @@ from scipy.stats import t as student_t
 
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.confidence_intervals import convert_reciprocal_errors
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import Residuals
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.candidates import list_further_terms

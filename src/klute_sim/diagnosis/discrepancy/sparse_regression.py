@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.localization.equation_residuals import EquationResidual, select_significant_equations
 from klute_sim.diagnosis.localization.joint_equations import name_equation
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, REFIT_MAX_NFEV, ForwardSelection

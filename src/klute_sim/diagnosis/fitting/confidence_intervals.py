@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import t as student_t
 
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, compute_jacobian
+from klute_sim.diagnosis.fitting.least_squares import Fit, compute_jacobian
 from klute_sim.diagnosis.fitting.number_error import KEYS_WITHOUT_UPPER_LIMIT
 from klute_sim.diagnosis.fitting.profile_likelihood import Point, ResidualFunction, find_profile_limits
 from klute_sim.diagnosis.fitting.systematic_error import (
@@ -17,6 +17,7 @@ from klute_sim.diagnosis.fitting.systematic_error import (
     estimate_misfit_error,
     estimate_preparation_errors,
 )
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import AlignedRepeats, align_repeats, find_nearest
 from klute_sim.types import Array
 

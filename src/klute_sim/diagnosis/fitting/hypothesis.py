@@ -211,7 +211,7 @@ class Hypothesis:
         """Number of declared uncertain numbers and registration errors.
 
         They come first and have normal priors of standard deviation 1, whose mean is 0 except for a gain of noisy
-        inputs (:meth:`~klute_sim.diagnosis.fitting.least_squares.WeightedData.compute_prior_residuals`).
+        inputs (:meth:`~klute_sim.diagnosis.fitting.weighted_data.WeightedData.compute_prior_residuals`).
         """
         return len(self.uncertainties) + len(self.registration)
 

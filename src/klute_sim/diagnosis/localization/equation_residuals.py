@@ -22,7 +22,8 @@ from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.simulator import simulate_extrapolated
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.localization.device_equations import compute_force_residuals, find_unlimited_samples
 from klute_sim.diagnosis.localization.gait_equations import compute_walk_residual_series
 from klute_sim.diagnosis.localization.joint_equations import (

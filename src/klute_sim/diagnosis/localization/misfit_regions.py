@@ -7,7 +7,8 @@ import numpy as np
 
 from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import align_repeats
 from klute_sim.types import Array, Mask
 from klute_sim.units import BAR

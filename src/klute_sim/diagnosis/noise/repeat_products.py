@@ -17,7 +17,8 @@ from scipy.linalg import helmert
 
 from klute_sim.datasets.mechanism_channels import DISPLAY_UNITS
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import AlignedRepeats, Noise, Residuals, align_repeats
 from klute_sim.types import Array
 

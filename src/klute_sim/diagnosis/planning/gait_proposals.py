@@ -12,7 +12,8 @@ import numpy as np
 
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.planning.gait_protocols import GaitProtocol, list_gait_protocols
 from klute_sim.diagnosis.planning.proposals import (
     NOT_SEPARABLE,

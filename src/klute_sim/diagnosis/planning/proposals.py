@@ -17,7 +17,8 @@ from klute_sim.device.device import Device
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, compute_difference_steps
+from klute_sim.diagnosis.fitting.least_squares import Fit, compute_difference_steps
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.planning.measurement_plan import check_has_plan
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD
 from klute_sim.errors import InputError, SimulationError

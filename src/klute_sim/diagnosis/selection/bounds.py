@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
-from klute_sim.diagnosis.selection.forward_selection import refit_with_replacement
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.naming import find_infeasible_terms, find_numbers_at_limit, find_terms_at_bound
+from klute_sim.diagnosis.selection.refits import refit_with_replacement
 
 
 def has_value_at_bound(fit: Fit) -> bool:

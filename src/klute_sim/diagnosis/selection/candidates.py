@@ -9,7 +9,7 @@ from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
 from klute_sim.diagnosis.data_quality import is_supply_only
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import (
     BOUND_SIGMAS,
     NUMBER_ERROR_NAME,
@@ -17,6 +17,7 @@ from klute_sim.diagnosis.fitting.number_error import (
     list_error_candidates,
     list_model_error_candidates,
 )
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect

@@ -12,7 +12,8 @@ import numpy as np
 from klute_sim.diagnosis.data_quality import is_supply_only
 from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals, group_repeats
 from klute_sim.diagnosis.selection.candidates import list_further_terms
@@ -23,6 +24,7 @@ from klute_sim.diagnosis.selection.naming import (
     find_infeasible_terms,
     find_unresolved_delay,
 )
+from klute_sim.diagnosis.selection.refits import refit_with_replacement, refit_without_term
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates, select_shortlist
 from klute_sim.types import Array
 
@@ -378,23 +380,3 @@ class ForwardSelection:
                 if self._bic(simplified) <= self._bic(current):
                     return self.simplify(simplified, base_fit)
         return current
-
-
-def refit_without_term(data: WeightedData, current: Fit, term: EffectTerm) -> Fit:
-    """Return ``current`` refitted without ``term``."""
-    index = current.hypothesis.terms.index(term)
-    retained = [p.term_index != index for p in current.hypothesis.parameters]
-    return fit_hypothesis(
-        data, current.hypothesis.without_term(term), current.x[retained], current.jacobian[:, retained]
-    )
-
-
-def refit_with_replacement(data: WeightedData, current: Fit, term: EffectTerm, replacement: EffectTerm) -> Fit:
-    """Return ``current`` refitted with ``replacement``, initially neutral, in place of ``term``."""
-    index, parameters = current.hypothesis.terms.index(term), current.hypothesis.parameters
-    terms = tuple(replacement if t == term else t for t in current.hypothesis.terms)
-    hypothesis = replace(current.hypothesis, terms=terms)
-    x0 = hypothesis.initial_point()
-    retained = [p.term_index != index for p in hypothesis.parameters]
-    x0[retained] = current.x[[p.term_index != index for p in parameters]]
-    return fit_hypothesis(data, hypothesis, x0)

@@ -8,8 +8,9 @@ import numpy as np
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.dependent_numbers import limit_to_valid
 from klute_sim.diagnosis.fitting.hypothesis import PRIOR_BOUND_SIGMAS, EffectTerm, FitParameter, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, KEYS_WITHOUT_UPPER_LIMIT
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.effects.families import instrument
 
 MAX_INSTRUMENT_FRACTION = 0.1

@@ -23,7 +23,8 @@ from scipy.optimize import lsq_linear
 
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
 from klute_sim.diagnosis.selection.bounds import restore_declared_numbers, simplify_at_bound
 from klute_sim.diagnosis.selection.candidates import is_same_cause

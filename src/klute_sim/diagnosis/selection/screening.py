@@ -13,7 +13,8 @@ import numpy as np
 
 from klute_sim.diagnosis.data_quality import is_supply_only
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, linearize
+from klute_sim.diagnosis.fitting.least_squares import Fit, linearize
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.types import Array
 
 PROBE_FRACTION = 0.3
