@@ -9,7 +9,7 @@ from benchmarks.hidden_effects.baselines.trials import Trials, Verdict, compute_
 
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, complete_fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_repeats
@@ -100,7 +100,8 @@ class Calibration:
             candidates: list[Candidate] = [] if parent is None else screen_candidates(self.data, parent, [last])
             if parent is None or not candidates:
                 return None
-            self._fits[key] = ForwardSelection(self.data, [], self.terms).refit_candidates(parent, candidates)[0]
+            (best, *_) = ForwardSelection(self.data, [], self.terms).refit_candidates(parent, candidates)
+            self._fits[key] = complete_fit(self.data, best)
         fit = self._fits[key]
         return None if fit.has_diverged else fit
 

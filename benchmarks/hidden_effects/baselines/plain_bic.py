@@ -10,6 +10,7 @@ from benchmarks.hidden_effects.baselines.calibration import (
 )
 from benchmarks.hidden_effects.baselines.trials import Trials, Verdict
 
+from klute_sim.diagnosis.fitting.least_squares import complete_fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.screening import screen_candidates, select_shortlist
@@ -31,6 +32,6 @@ def select_by_bic(trials: Trials, exclude: Sequence[str]) -> Verdict:
             best = min(refits, key=compute_bic, default=None)
             if best is None or compute_bic(best) >= compute_bic(current):
                 break
-            current, new_term = best, best.hypothesis.terms[-1]
+            current, new_term = complete_fit(data, best), best.hypothesis.terms[-1]
             candidates = [t for t in candidates if t.identity != new_term.identity]
         return calibration.describe(current)

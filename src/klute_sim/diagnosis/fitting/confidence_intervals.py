@@ -10,7 +10,8 @@ from scipy.stats import t as student_t
 
 from klute_sim.diagnosis.fitting.least_squares import Fit, compute_jacobian
 from klute_sim.diagnosis.fitting.number_error import KEYS_WITHOUT_UPPER_LIMIT
-from klute_sim.diagnosis.fitting.profile_likelihood import Point, ResidualFunction, find_profile_limits
+from klute_sim.diagnosis.fitting.profile_likelihood import ResidualFunction, find_profile_limits
+from klute_sim.diagnosis.fitting.secant import Point
 from klute_sim.diagnosis.fitting.systematic_error import (
     CONFIDENCE_LEVEL,
     collect_shared_misfits,

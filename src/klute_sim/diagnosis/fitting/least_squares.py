@@ -2,13 +2,14 @@
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.secant import SecantJacobian
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import Residuals
 from klute_sim.types import Array
@@ -44,6 +45,9 @@ class Fit:
     """Whether the solver converged."""
     residuals: Residuals = field(repr=False)
     """Measured minus simulated [SI]."""
+    is_preliminary: bool = False
+    """Whether the fit only serves to compare hypotheses: its residuals come from coarse simulations, and its Jacobian
+    is an approximation."""
 
     @property
     def chi2(self) -> float:
@@ -84,13 +88,18 @@ def fit_hypothesis(
     *,
     max_nfev: int = DEFAULT_MAX_NFEV,
     fine: bool = False,
+    reference: Fit | None = None,
 ) -> Fit:
     """Fit ``hypothesis`` to ``data`` by bounded least squares.
 
     ``x0`` holds the starting point in normalized parameters; by default the nominal device with neutral effects.
     ``jac`` is the Jacobian at ``x0``, or an approximation for the first step. Intermediate simulations are coarse, with
-    their error at ``x0`` subtracted; the residuals of the result are not. A ``fine`` fit takes its last steps and its
-    Jacobian from normal simulations.
+    their error at ``x0`` subtracted; the residuals of the result are not. A ``fine`` fit takes its last steps, which
+    begin with the Jacobian of coarse simulations, and its own Jacobian from normal simulations.
+
+    With a ``reference``, the fit is preliminary: its residuals are those of ``reference`` plus their change in coarse
+    simulations, and steps along which they are nearly linear correct its Jacobian
+    (:mod:`klute_sim.diagnosis.fitting.secant`).
 
     The solver rejects a step to a point where a simulation diverges, and tries a shorter one. Where simulations diverge
     at ``x0`` itself, the result stays there, its residuals are infinite, and it has not converged.
@@ -99,14 +108,22 @@ def fit_hypothesis(
     start = hypothesis.initial_point() if x0 is None else x0
     key = repr((hypothesis, hypothesis.device.digest, sorted(data.noise.items()), names, max_nfev, fine))
     key += hashlib.sha256(start.tobytes() + (b"" if jac is None else jac.tobytes())).hexdigest()
+    if reference is not None:
+        key += hashlib.sha256(repr(reference.hypothesis).encode() + reference.x.tobytes()).hexdigest()
     cached = data.cache.get(key) if data.cache else None
     if cached is not None:
-        x, converged = cached["x"], bool(cached["converged"])
-        residuals = data.compute_residuals(hypothesis, [x], may_diverge=True)[0]
-        return Fit(hypothesis, x, cached["weighted_residuals"], cached["jacobian"], converged, residuals)
-    fit = _solve(data, hypothesis, start, jac, max_nfev, coarse=True)
-    if fine and len(start):
-        fit = _solve(data, hypothesis, fit.x, None, max_nfev, coarse=False)
+        x, weighted, converged = cached["x"], cached["weighted_residuals"], bool(cached["converged"])
+        is_preliminary = bool(cached["is_preliminary"])
+        residuals = (
+            data.split_weighted_residuals(weighted)
+            if is_preliminary
+            else data.compute_residuals(hypothesis, [x], may_diverge=True)[0]
+        )
+        return Fit(hypothesis, x, weighted, cached["jacobian"], converged, residuals, is_preliminary)
+    fit = None if reference is None else _compare(data, hypothesis, start, jac, max_nfev, reference)
+    fit = fit or _solve(data, hypothesis, start, jac, max_nfev, coarse=True)
+    if fine and len(start) and not fit.has_diverged:
+        fit = _refine(data, fit, max_nfev)
     if data.cache:
         data.cache.put(
             key,
@@ -114,6 +131,7 @@ def fit_hypothesis(
             weighted_residuals=fit.weighted_residuals,
             jacobian=fit.jacobian,
             converged=np.array(fit.converged),
+            is_preliminary=np.array(fit.is_preliminary),
         )
     return fit
 
@@ -121,16 +139,15 @@ def fit_hypothesis(
 def _solve(
     data: WeightedData, hypothesis: Hypothesis, x0: Array, jac: Array | None, max_nfev: int, *, coarse: bool
 ) -> Fit:
-    lower, upper = hypothesis.bounds()
-    # The first step is no longer than the distance from the bounds, so the solver starts inside them.
-    margin = np.minimum(0.01, 0.25 * (upper - lower))
-    start = np.clip(x0, lower + margin, upper - margin)
-    problem = _LeastSquaresProblem(data, hypothesis, start, coarse=coarse)
+    start = _move_inside(hypothesis, x0)
+    problem = _LeastSquaresProblem(data, hypothesis, coarse=coarse)
     first, first_residuals = problem.evaluate_fine(start)
     if not len(start):
         return Fit(hypothesis, start, first, np.empty((len(first), 0)), True, first_residuals)
     if not np.isfinite(first).all():
         return Fit(hypothesis, start, first, np.zeros((len(first), len(start))), False, first_residuals)
+    if coarse:
+        problem.measure_coarse_error(hypothesis, start, first)
     if not np.isfinite(problem.coarse_error).all():
         return _solve(data, hypothesis, x0, jac, max_nfev, coarse=False)
     known_jacobians = [] if jac is None else [jac]
@@ -138,16 +155,7 @@ def _solve(
     def jacobian(x: Array) -> Array:
         return known_jacobians.pop() if known_jacobians else problem.jacobian(x)
 
-    result = least_squares(
-        problem.evaluate,
-        start,
-        jacobian,
-        bounds=(lower, upper),
-        ftol=COST_TOLERANCE if coarse else FINE_COST_TOLERANCE,
-        xtol=1e-6,
-        gtol=GRADIENT_TOLERANCE,
-        max_nfev=max_nfev,
-    )
+    result = _search(problem, start, jacobian, max_nfev)
     last, last_residuals = problem.evaluate_fine(result.x)
     if coarse and last @ last > first @ first + MAX_CHI2_RISE:  # the error of coarse simulations changed too much
         return _solve(data, hypothesis, x0, jac, max_nfev, coarse=False)
@@ -157,9 +165,68 @@ def _solve(
     return Fit(hypothesis, result.x, last, final_jacobian, result.status > 0, last_residuals)
 
 
+def _refine(data: WeightedData, fit: Fit, max_nfev: int) -> Fit:
+    """Return ``fit`` after further steps with normal simulations."""
+    problem = _LeastSquaresProblem(data, fit.hypothesis, coarse=False)
+    jacobian = SecantJacobian(problem.evaluate, problem.jacobian, fit.jacobian)
+    result = _search(problem, fit.x, jacobian, max_nfev)
+    weighted, residuals = problem.evaluate_fine(result.x)
+    return Fit(fit.hypothesis, result.x, weighted, problem.jacobian(result.x), result.status > 0, residuals)
+
+
+def complete_fit(data: WeightedData, fit: Fit) -> Fit:
+    """Return a preliminary ``fit`` with the residuals of normal simulations and a computed Jacobian; others as they
+    are.
+    """
+    if not fit.is_preliminary:
+        return fit
+    problem = _LeastSquaresProblem(data, fit.hypothesis, coarse=True)
+    weighted, residuals = problem.evaluate_fine(fit.x)
+    is_finite = bool(np.isfinite(weighted).all())
+    jacobian = problem.jacobian(fit.x) if is_finite else np.zeros_like(fit.jacobian)
+    return Fit(fit.hypothesis, fit.x, weighted, jacobian, fit.converged and is_finite, residuals)
+
+
+def _compare(
+    data: WeightedData, hypothesis: Hypothesis, x0: Array, jac: Array | None, max_nfev: int, reference: Fit
+) -> Fit | None:
+    """Return the preliminary fit, without a normal simulation; None where a coarse one diverges at its start."""
+    start = _move_inside(hypothesis, x0)
+    problem = _LeastSquaresProblem(data, hypothesis, coarse=True)
+    problem.measure_coarse_error(reference.hypothesis, reference.x, reference.weighted_residuals)
+    if not np.isfinite(problem.evaluate(start)).all():
+        return None
+    result = _search(problem, start, SecantJacobian(problem.evaluate, problem.jacobian, jac), max_nfev)
+    residuals = data.split_weighted_residuals(result.fun)
+    jacobian = np.asarray(result.jac)
+    return Fit(hypothesis, result.x, result.fun, jacobian, result.status > 0, residuals, is_preliminary=True)
+
+
+def _move_inside(hypothesis: Hypothesis, x0: Array) -> Array:
+    """Return the starting point ``x0`` inside the bounds: the first step is no longer than the distance from them."""
+    lower, upper = hypothesis.bounds()
+    margin = np.minimum(0.01, 0.25 * (upper - lower))
+    return np.clip(x0, lower + margin, upper - margin)
+
+
+def _search(
+    problem: "_LeastSquaresProblem", start: Array, jacobian: Callable[[Array], Array], max_nfev: int
+) -> OptimizeResult:
+    return least_squares(
+        problem.evaluate,
+        start,
+        jacobian,
+        bounds=problem.hypothesis.bounds(),
+        ftol=COST_TOLERANCE if problem.coarse else FINE_COST_TOLERANCE,
+        xtol=1e-6,
+        gtol=GRADIENT_TOLERANCE,
+        max_nfev=max_nfev,
+    )
+
+
 def linearize(data: WeightedData, hypothesis: Hypothesis, x: Array) -> tuple[Array, Array]:
     """Return the weighted residuals at normalized parameters ``x`` and their Jacobian from coarse simulations."""
-    problem = _LeastSquaresProblem(data, hypothesis, x, coarse=True)
+    problem = _LeastSquaresProblem(data, hypothesis, coarse=True)
     return problem.evaluate_fine(x)[0], problem.jacobian(x)
 
 
@@ -171,21 +238,22 @@ def compute_difference_steps(hypothesis: Hypothesis, x: Array) -> Array:
     return np.where(x + FINITE_DIFFERENCE_STEP > hypothesis.bounds()[1], -1.0, 1.0) * FINITE_DIFFERENCE_STEP
 
 
-def compute_jacobian(data: WeightedData, hypothesis: Hypothesis, x: Array, *, coarse: bool) -> Array:
+def compute_jacobian(data: WeightedData, hypothesis: Hypothesis, x: Array, *, coarse: bool, first: int = 0) -> Array:
     """Return the derivative of the weighted residuals and those of the priors at normalized parameters ``x``.
 
-    It consists of one-sided differences within the bounds, in one batch. A parameter whose small change makes a
-    simulation diverge gets a derivative of 0: it stays where it is.
+    It consists of one-sided differences within the bounds, in one batch, by the parameters from index ``first`` on. A
+    parameter whose small change makes a simulation diverge gets a derivative of 0: it stays where it is.
     """
     n_priors = hypothesis.n_prior_parameters
     steps = compute_difference_steps(hypothesis, x)
-    before, *after = (hypothesis.build_setups(point, data.experiments) for point in (x, *(x + np.diag(steps))))
+    points = (x + np.diag(steps))[first:]
+    before, *after = (hypothesis.build_setups(point, data.experiments) for point in (x, *points))
     columns = [
         np.concatenate([data.weight_residuals(changes) / step, prior])
         for changes, step, prior in zip(
             data.compute_changes(before, after, coarse=coarse),
-            steps,
-            np.eye(len(x), n_priors),
+            steps[first:],
+            np.eye(len(x), n_priors)[first:],
             strict=True,
         )
     ]
@@ -195,6 +263,15 @@ def compute_jacobian(data: WeightedData, hypothesis: Hypothesis, x: Array, *, co
     return np.stack(columns, axis=1)
 
 
+def extend_jacobian(data: WeightedData, hypothesis: Hypothesis, x: Array, known: Array) -> Array:
+    """Return an approximate Jacobian at normalized parameters ``x``, to begin a fit with.
+
+    Its first columns are those of ``known``, from a fit without the last term; those of this term are computed from
+    coarse simulations.
+    """
+    return np.hstack([known, compute_jacobian(data, hypothesis, x, coarse=True, first=known.shape[1])])
+
+
 class _LeastSquaresProblem:
     """Weighted residuals and their Jacobian as functions of the normalized parameters.
 
@@ -202,35 +279,44 @@ class _LeastSquaresProblem:
     subtracted everywhere.
     """
 
-    def __init__(self, data: WeightedData, hypothesis: Hypothesis, x0: Array, *, coarse: bool) -> None:
-        self._data, self._hypothesis, self._coarse = data, hypothesis, coarse
+    def __init__(self, data: WeightedData, hypothesis: Hypothesis, *, coarse: bool) -> None:
+        self._data = data
+        self.hypothesis, self.coarse = hypothesis, coarse
         self._fine_cache: dict[bytes, tuple[Array, Residuals]] = {}
+        self._last: tuple[bytes, Array] | None = None
         self.coarse_error: Array | float = 0.0
-        """Error of the weighted residuals at the starting point."""
-        fine = self.evaluate_fine(x0)[0]
-        if coarse and np.isfinite(fine).all():
-            self.coarse_error = self._evaluate_points([x0])[0] - fine
+        """Error of the weighted residuals, without those of the priors."""
+
+    def measure_coarse_error(self, hypothesis: Hypothesis, x: Array, weighted_residuals: Array) -> None:
+        """Set the error to that of coarse simulations of ``hypothesis`` at ``x``, with its ``weighted_residuals``."""
+        (coarse,) = self._data.compute_residuals(hypothesis, [x], coarse=True, may_diverge=True)
+        vector = self._data.weight_residuals(coarse)
+        self.coarse_error = vector - weighted_residuals[: len(vector)]
 
     def evaluate_fine(self, x: Array) -> tuple[Array, Residuals]:
         """Return the weighted residuals from normal simulations, and the residuals [SI]."""
         key = x.tobytes()
         if key not in self._fine_cache:
-            residuals = self._data.compute_residuals(self._hypothesis, [x], may_diverge=True)[0]
+            residuals = self._data.compute_residuals(self.hypothesis, [x], may_diverge=True)[0]
             self._fine_cache[key] = self._assemble(x, residuals), residuals
         return self._fine_cache[key]
 
     def evaluate(self, x: Array) -> Array:
         """Return the weighted residuals followed by those of the priors."""
-        return self._evaluate_points([x])[0] - self.coarse_error if self._coarse else self.evaluate_fine(x)[0]
+        if not self.coarse:
+            return self.evaluate_fine(x)[0]
+        key = x.tobytes()
+        if self._last is None or self._last[0] != key:
+            (residuals,) = self._data.compute_residuals(self.hypothesis, [x], coarse=True, may_diverge=True)
+            vector = self._assemble(x, residuals)
+            vector[: len(vector) - self.hypothesis.n_prior_parameters] -= self.coarse_error
+            self._last = key, vector
+        return self._last[1]
 
     def jacobian(self, x: Array) -> Array:
         """Return the Jacobian of :meth:`evaluate`."""
-        return compute_jacobian(self._data, self._hypothesis, x, coarse=self._coarse)
-
-    def _evaluate_points(self, points: Sequence[Array]) -> list[Array]:
-        rows = self._data.compute_residuals(self._hypothesis, points, coarse=self._coarse, may_diverge=True)
-        return [self._assemble(x, residuals) for x, residuals in zip(points, rows, strict=True)]
+        return compute_jacobian(self._data, self.hypothesis, x, coarse=self.coarse)
 
     def _assemble(self, x: Array, residuals: Residuals) -> Array:
-        priors = self._data.compute_prior_residuals(self._hypothesis, x)
+        priors = self._data.compute_prior_residuals(self.hypothesis, x)
         return np.concatenate([self._data.weight_residuals(residuals), priors])

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from klute_sim.diagnosis.fitting.secant import Point, correct_jacobian
 from klute_sim.types import Array
 
 LINEARITY_TOLERANCE = 0.05
@@ -44,22 +45,6 @@ class ResidualFunction(NamedTuple):
     """Upper bounds, (parameters,)."""
 
 
-class Point(NamedTuple):
-    """Parameters with their residuals."""
-
-    x: Array
-    """Parameters, (parameters,)."""
-    residuals: Array
-    """Weighted residuals, (residuals,)."""
-    jacobian: Array
-    """Their derivative, (residuals, parameters), or an approximation."""
-
-    @property
-    def chi2(self) -> float:
-        """Sum of the squared residuals."""
-        return float(self.residuals @ self.residuals)
-
-
 def find_profile_limits(
     function: ResidualFunction, best: Point, measure_error: Callable[[Array], float], indices: Sequence[int]
 ) -> list[tuple[float, float]]:
@@ -84,7 +69,10 @@ def find_profile_limits(
     ]
     starts = [side.predict(best, side.start_distance) for side in sides]
     rows = function.evaluate(starts)
-    limits = [side.find_limit(_update(best, start, row)) for side, start, row in zip(sides, starts, rows, strict=True)]
+    limits = [
+        side.find_limit(correct_jacobian(best, start, row))
+        for side, start, row in zip(sides, starts, rows, strict=True)
+    ]
     return list(zip(limits[::2], limits[1::2], strict=True))
 
 
@@ -252,14 +240,6 @@ class _ProfileSide:
 
     def _evaluate(self, origin: Point, points: Sequence[Array]) -> list[Point]:
         self._n_evaluations += len(points)
-        return [_update(origin, x, row) for x, row in zip(points, self._function.evaluate(points), strict=True)]
-
-
-def _update(origin: Point, x: Array, residuals: Array) -> Point:
-    """Return the point ``x``, its Jacobian corrected by the change of the residuals from ``origin`` (Broyden 1965)."""
-    step = x - origin.x
-    norm = float(step @ step)
-    if norm == 0.0 or not np.isfinite(residuals).all():
-        return Point(x, residuals, origin.jacobian)
-    error = residuals - origin.residuals - origin.jacobian @ step
-    return Point(x, residuals, origin.jacobian + np.outer(error, step) / norm)
+        return [
+            correct_jacobian(origin, x, row) for x, row in zip(points, self._function.evaluate(points), strict=True)
+        ]

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
-from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.selection.candidates import list_further_terms
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, SelectionStep
+from klute_sim.diagnosis.selection.forward_selection import REFIT_MAX_NFEV, ForwardSelection, SelectionStep
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
 
 MIN_GAIN_FRACTION = 0.8
@@ -43,13 +43,14 @@ def find_deviating_specimen(search: ForwardSelection, numbers: list[EffectTerm])
 def _extend(search: ForwardSelection, current: Fit, candidates: list[Candidate]) -> SelectionStep | None:
     """Return the step that adds the best of ``candidates`` to ``current``; None if none reaches the noise."""
     refits = search.refit_candidates(current, candidates) if candidates else []
-    for refit in refits:
+    for preliminary in refits:
+        refit = fit_hypothesis(search.data, preliminary.hypothesis, preliminary.x, max_nfev=REFIT_MAX_NFEV[1])
         gains = search.compute_validation_gains(current, refit)
         if search.has_misfit(refit) or search.rejection_reason(current, refit, gains):
             continue
         term = refit.hypothesis.terms[-1]
         drop = current.bic(search.data.n_effective) - refit.bic(search.data.n_effective)
         reason = f"BIC {format_bic_drop(drop)}; no effect of all specimens explains what '{term.specimen}' deviates by"
-        ordered = (refit, *(other for other in refits if other is not refit))
+        ordered = (refit, *(other for other in refits if other is not preliminary))
         return SelectionStep(current, tuple(candidates), ordered, term, gains, reason)
     return None

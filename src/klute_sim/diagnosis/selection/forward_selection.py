@@ -12,7 +12,7 @@ import numpy as np
 from klute_sim.diagnosis.data_quality import is_supply_only
 from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, extend_jacobian, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals, group_repeats
@@ -183,7 +183,9 @@ class ForwardSelection:
             reason = "no effect is predicted to explain more than noise would"
             return SelectionStep(current, tuple(candidates), (), None, {}, reason, rejections)
         refits = self.refit_candidates(current, select_shortlist(promising))
-        for rank, refit in enumerate(refits[:MAX_ACCEPTANCE_TESTS]):
+        for rank in range(len(refits[:MAX_ACCEPTANCE_TESTS])):
+            fit = refits[rank]
+            refit = refits[rank] = fit_hypothesis(self.data, fit.hypothesis, fit.x, max_nfev=REFIT_MAX_NFEV[1])
             gains = self.compute_validation_gains(current, refit)
             rejection = self.rejection_reason(current, refit, gains)
             if not rejection:
@@ -206,7 +208,8 @@ class ForwardSelection:
     ) -> list[Fit]:
         """Return fits of ``current`` with each of ``candidates`` added, best first.
 
-        Candidates that lag behind the best one, or behind ``bic_goal``, are not fitted to the end.
+        The fits are preliminary. Candidates that lag behind the best one, or behind ``bic_goal``, are not fitted to the
+        end.
         ``max_nfev_by_round`` holds the maximum number of function evaluations of each round.
         """
         fits = []
@@ -214,9 +217,13 @@ class ForwardSelection:
             self.report_stage(f"fitting {candidate.term} ({index + 1} of {len(candidates)})")
             hypothesis = current.hypothesis.with_term(candidate.term)
             x0 = self._initial_guess(current, candidate)
-            fits.append(fit_hypothesis(self.data, hypothesis, x0, max_nfev=max_nfev_by_round[0]))
+            jacobian = extend_jacobian(self.data, hypothesis, x0, current.jacobian)
+            fits.append(
+                fit_hypothesis(self.data, hypothesis, x0, jacobian, max_nfev=max_nfev_by_round[0], reference=current)
+            )
         dropped: list[Fit] = []
-        for max_nfev, lag_fraction in zip(max_nfev_by_round[1:], MAX_BIC_LAG_FRACTIONS, strict=False):
+        last = len(max_nfev_by_round) - 1
+        for index, lag_fraction in zip(range(1, last + 1), MAX_BIC_LAG_FRACTIONS, strict=False):
             if not fits:
                 break
             best_bic = min([bic_goal, *map(self._bic, fits)])
@@ -224,9 +231,15 @@ class ForwardSelection:
             dropped += [fit for fit in fits if self._bic(fit) > max_bic]
             fits = [fit for fit in fits if self._bic(fit) <= max_bic]
             for k, fit in enumerate(fits):
-                if not fit.converged:
-                    self.report_stage(f"fitting {fit.hypothesis.terms[-1]} further")
-                    fits[k] = fit_hypothesis(self.data, fit.hypothesis, fit.x, fit.jacobian, max_nfev=max_nfev)
+                self.report_stage(f"fitting {fit.hypothesis.terms[-1]} further")
+                fits[k] = fit_hypothesis(
+                    self.data,
+                    fit.hypothesis,
+                    fit.x,
+                    fit.jacobian if index < last else None,
+                    max_nfev=max_nfev_by_round[index],
+                    reference=current,
+                )
         return sorted([*fits, *dropped], key=self._bic)
 
     def _initial_guess(self, current: Fit, candidate: Candidate) -> Array:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.least_squares import Fit, complete_fit
 from klute_sim.diagnosis.selection.candidates import is_same_cause
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
@@ -83,12 +83,17 @@ def has_adequate_pair(search: ForwardSelection, base_fit: Fit, min_predicted_gai
     candidates = search.history[0].candidates
     pairs = [pair for pair in screen_pairs(base_fit, candidates) if pair.predicted_gain >= min_predicted_gain]
     for pair in pairs[:MAX_REFITTED_PAIRS]:
-        first_fit = search.refit_candidates(base_fit, [pair.first], max_nfev_by_round=PAIR_MAX_NFEV)[0]
+        first_fit = _refit(search, base_fit, [pair.first])[0]
         if first_fit.has_diverged:
             continue
         # Beside the first effect, the second one begins elsewhere than alone.
         second = screen_candidates(search.data, first_fit, [pair.second.term])
-        fits = search.refit_candidates(first_fit, second, max_nfev_by_round=PAIR_MAX_NFEV)
+        fits = _refit(search, first_fit, second)
         if any(not fit.has_diverged and not search.has_misfit(fit) for fit in fits):
             return True
     return False
+
+
+def _refit(search: ForwardSelection, current: Fit, candidates: Sequence[Candidate]) -> list[Fit]:
+    fits = search.refit_candidates(current, candidates, max_nfev_by_round=PAIR_MAX_NFEV)
+    return [complete_fit(search.data, fit) for fit in fits]

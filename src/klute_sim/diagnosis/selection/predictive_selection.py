@@ -23,7 +23,7 @@ from scipy.optimize import lsq_linear
 
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, complete_fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
 from klute_sim.diagnosis.selection.bounds import restore_declared_numbers, simplify_at_bound
@@ -149,7 +149,8 @@ class PredictiveSelection:
         return self._decide_refined(base, models)
 
     def _refit(self, current: Fit, candidates: Sequence[Candidate]) -> list[Fit]:
-        return self.search.refit_candidates(current, candidates, max_nfev_by_round=COMPARISON_MAX_NFEV)
+        fits = self.search.refit_candidates(current, candidates, max_nfev_by_round=COMPARISON_MAX_NFEV)
+        return [complete_fit(self.data, fit) for fit in fits]
 
     def _extend(self, current: Fit, terms: Sequence[EffectTerm], fits: dict[frozenset[EffectTerm], Fit]) -> None:
         """Add to ``fits`` the refits of ``current`` with each of ``terms``."""

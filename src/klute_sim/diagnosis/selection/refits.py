@@ -11,9 +11,9 @@ def refit_without_term(data: WeightedData, current: Fit, term: EffectTerm) -> Fi
     """Return ``current`` refitted without ``term``."""
     index = current.hypothesis.terms.index(term)
     retained = [p.term_index != index for p in current.hypothesis.parameters]
-    return fit_hypothesis(
-        data, current.hypothesis.without_term(term), current.x[retained], current.jacobian[:, retained]
-    )
+    hypothesis, jacobian = current.hypothesis.without_term(term), current.jacobian[:, retained]
+    preliminary = fit_hypothesis(data, hypothesis, current.x[retained], jacobian, reference=current)
+    return fit_hypothesis(data, hypothesis, preliminary.x)
 
 
 def refit_with_replacement(data: WeightedData, current: Fit, term: EffectTerm, replacement: EffectTerm) -> Fit:

@@ -200,7 +200,7 @@ def check_convergence(data: WeightedData, best_fit: Fit, rng: np.random.Generato
     std_errors = np.sqrt(np.maximum(0.0, np.diag(np.linalg.pinv(best_fit.jacobian.T @ best_fit.jacobian))))
     signs = rng.choice([-1.0, 1.0], len(std_errors))
     offset = signs * np.maximum(RESTART_SIGMAS * std_errors, MIN_RESTART_OFFSET)
-    restarted = fit_hypothesis(data, best_fit.hypothesis, best_fit.x + offset)
+    restarted = fit_hypothesis(data, best_fit.hypothesis, best_fit.x + offset, best_fit.jacobian, reference=best_fit)
     if not (restarted.converged and _have_equal_chi2(restarted, best_fit)):
         restarted = fit_hypothesis(data, best_fit.hypothesis, restarted.x, fine=True)
     has_converged = best_fit.converged and restarted.converged and _have_equal_chi2(restarted, best_fit)
