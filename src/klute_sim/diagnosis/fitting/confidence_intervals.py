@@ -172,24 +172,19 @@ def compute_noise_errors(data: WeightedData, fit: Fit, pseudoinverse: Array) -> 
 def _make_residual_function(data: WeightedData, fit: Fit) -> ResidualFunction:
     """Return the weighted residuals as a function of the normalized parameters.
 
-    Repeats share the changes of their residuals from those of ``fit``, as they share derivatives. Derivatives are from
-    coarse simulations.
+    Repeats share the changes of their residuals from those of ``fit``, as they share derivatives. Changes and
+    derivatives are from coarse simulations.
     """
     hypothesis = fit.hypothesis
-    indices = sorted(set(data.representatives))
-    positions = [indices.index(index) for index in data.representatives]
-    trials = data.with_experiments([data.experiments[index] for index in indices])
+    start = hypothesis.build_setups(fit.x, data.experiments)
 
     def evaluate(points: Sequence[Array]) -> list[Array]:
-        vectors = []
-        for x, rows in zip(points, trials.compute_residuals(hypothesis, points, may_diverge=True), strict=True):
-            changes = [
-                {channel: value - fit.residuals[index][channel] for channel, value in row.items()}
-                for index, row in zip(indices, rows, strict=True)
-            ]
-            change = data.weight_residuals([changes[position] for position in positions])
-            vectors.append(fit.weighted_residuals + np.append(change, (x - fit.x)[: hypothesis.n_prior_parameters]))
-        return vectors
+        ends = [hypothesis.build_setups(x, data.experiments) for x in points]
+        return [
+            fit.weighted_residuals
+            + np.append(data.weight_residuals(changes), (x - fit.x)[: hypothesis.n_prior_parameters])
+            for x, changes in zip(points, data.compute_changes(start, ends, coarse=True), strict=True)
+        ]
 
     def differentiate(x: Array) -> Array:
         return compute_jacobian(data, hypothesis, x, coarse=True)
