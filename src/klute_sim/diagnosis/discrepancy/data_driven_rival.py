@@ -16,12 +16,11 @@ from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
 from klute_sim.diagnosis.discrepancy.sparse_regression import fit_data_driven_term
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.diagnosis.fitting.number_error import KEYS_WITHOUT_UPPER_LIMIT
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.bounds import refine_names
 from klute_sim.diagnosis.selection.candidates import acts_on_pressure
 from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection, SelectionStep
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle, list_kinds
+from klute_sim.diagnosis.selection.naming import find_implausible_number, find_naming_obstacle, list_kinds
 from klute_sim.diagnosis.selection.pair_screening import has_adequate_pair
 from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
 from klute_sim.diagnosis.selection.robustness import MAX_GAIN_LAG_FRACTION, EquivalentModel
@@ -35,10 +34,6 @@ linearisation underestimates the gain of frictions by almost as much)."""
 MIN_NAMED_SHARE = 0.6
 """Share of the fall of chi squared with the term, from which on names are listed beside it (assumed: as where the law
 is imperfect, :mod:`klute_sim.diagnosis.selection.predictive_selection`)."""
-MAX_NUMBER_SIGMAS = 3.0
-"""Error of a number, in plausible errors, up to which it may be the only name (assumed: a larger one is rarer than an
-effect that is in no catalogue; simulated numbers were wrong by up to three, and those that two thick walls imitated by
-3.4 and 3.7)."""
 MIN_CONTAINED_SHARE = 0.99
 """Share of a name's squared sensitivity that the functions of a term explain, from which on the term contains the name
 (assumed; it is 1 where a function is the law of the name, such as Coulomb friction)."""
@@ -125,27 +120,22 @@ def find_rival_of_number(
 ) -> RivalOfNumber | None:
     """Return the rival of names that are only numbers, one of them wrong by an implausible amount.
 
-    Returns None where all numbers are off by at most :data:`MAX_NUMBER_SIGMAS` plausible errors, not counting increases
-    of :data:`KEYS_WITHOUT_UPPER_LIMIT`, or where no data-driven term represents the misfit. ``exclude`` names effects
-    that are not candidates.
+    Returns None where all numbers are plausible (:func:`~klute_sim.diagnosis.selection.naming.find_implausible_number`)
+    or where no data-driven term represents the misfit. ``exclude`` names effects that are not candidates.
     """
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if not names or not all(term.number for term in names):
         return None
-    errors = {
-        named_fit.hypothesis.terms[parameter.term_index]: abs(float(x))
-        for parameter, x in zip(named_fit.hypothesis.parameters, named_fit.x, strict=True)
-        if parameter.term_index is not None and not (x > 0.0 and parameter.name in KEYS_WITHOUT_UPPER_LIMIT)
-    }
-    term = max(names, key=lambda name: errors.get(name, 0.0))
-    if errors.get(term, 0.0) <= MAX_NUMBER_SIGMAS:
+    implausible = find_implausible_number(named_fit)
+    if implausible is None:
         return None
+    term, error = implausible
     residuals = compute_equation_residuals(search.data, base_fit)
     fitted = fit_data_driven_term(search, base_fit, residuals, exclude, max_supports=1)
     if fitted.fit is None:
         return None
     sentence = (
-        f"{term} would be wrong by {errors[term]:.1f} times its plausible error (assumed), so an effect in the "
+        f"{term} would be wrong by {error:.1f} times its plausible error (assumed), so an effect in the "
         f"equation of {fitted.equation} that is in no catalogue is as likely. Measure the number."
     )
     return RivalOfNumber(EquivalentModel(fitted.fit, compute_bic_difference(search, fitted.fit, named_fit)), sentence)

@@ -2,7 +2,8 @@
 
 A number that the dataset does not declare uncertain may still be wrong: a length read from the wrong end, a nominal
 radius, a tube from another batch. Each such number is a candidate beside the effects. Its plausible error bounds it,
-and says nothing more: two numbers that explain the data equally well are both reported, whichever is the likelier.
+and orders what explains the data equally well: both numbers are reported, but one that is wrong by more than is
+plausible does not stand first.
 """
 
 from collections.abc import Mapping

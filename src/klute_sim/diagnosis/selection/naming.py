@@ -27,6 +27,10 @@ MAX_INSTRUMENT_LAG_S = 0.1
 """Largest plausible time constant of an instrument [s] (assumed: a filter of 1.6 Hz)."""
 DELAY_EFFECTS = frozenset({instrument.SENSOR_LAG.name, instrument.CLOCK_SKEW.name})
 """Faults of an instrument in time, apart from those of its calibration."""
+MAX_NUMBER_SIGMAS = 3.0
+"""Error of a number, in plausible errors, up to which it may be the only name, or the first of equivalent ones
+(assumed: a larger one is rarer than an effect that is in no catalogue; simulated numbers were wrong by up to three, and
+those that two thick walls imitated by 3.4 and 3.7)."""
 MIN_COINCIDENT_CAUSES = 3
 """Number of independent causes that a fit alone cannot prove at once: kinds (number, instrument, device, mechanism,
 body), or faults of numbers and instruments (assumed: three are rarer than one effect outside the catalogue)."""
@@ -80,6 +84,24 @@ def find_implausible_instrument(data: WeightedData, fit: Fit) -> EffectTerm | No
             if not _is_plausible_instrument(data, term.effect, term.channel, values):
                 return term
     return None
+
+
+def find_implausible_number(fit: Fit) -> tuple[EffectTerm, float] | None:
+    """Return the number of ``fit`` that is further off than all others, and by how many plausible errors.
+
+    Returns None where all are off by at most :data:`MAX_NUMBER_SIGMAS`, not counting increases of
+    :data:`KEYS_WITHOUT_UPPER_LIMIT`.
+    """
+    terms = fit.hypothesis.terms
+    errors = [
+        (abs(float(x)), terms[parameter.term_index])
+        for parameter, x in zip(fit.hypothesis.parameters, fit.x, strict=True)
+        if parameter.term_index is not None
+        and terms[parameter.term_index].number
+        and not (x > 0.0 and parameter.name in KEYS_WITHOUT_UPPER_LIMIT)
+    ]
+    error, term = max(errors, key=lambda row: row[0], default=(0.0, None))
+    return None if term is None or error <= MAX_NUMBER_SIGMAS else (term, error)
 
 
 def find_unresolved_delay(data: WeightedData, fit: Fit) -> EffectTerm | None:

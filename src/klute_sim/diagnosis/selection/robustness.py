@@ -1,5 +1,6 @@
 """Robustness checks: smaller models, multi-start convergence, equivalent models."""
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.bounds import has_value_at_bound, refine_names, simplify_at_bound
 from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle
+from klute_sim.diagnosis.selection.naming import find_implausible_number, find_naming_obstacle
 from klute_sim.diagnosis.selection.refits import refit_without_term
 from klute_sim.diagnosis.selection.screening import screen_candidates, select_shortlist
 from klute_sim.types import ProgressCallback
@@ -48,8 +49,9 @@ def select_final_fit(
 ) -> tuple[Fit, bool, list[EquivalentModel]]:
     """Return the refined model that ``best_fit`` ends with, whether it has converged, and its equivalents, best first.
 
-    A smaller model takes its place, or an equivalent one where BIC prefers it decisively or ``best_fit`` has a value at
-    a bound. None does that leaves a misfit.
+    A smaller model takes its place, or an equivalent one where BIC prefers it decisively, where ``best_fit`` has a
+    value at a bound, or where only ``best_fit`` needs a number that is wrong by more than is plausible. None does that
+    leaves a misfit.
     """
     progress(0.65, "restarting the fit from another point")
     fit, has_converged = refine_and_simplify(search, best_fit, np.random.default_rng(seed))
@@ -61,12 +63,29 @@ def select_final_fit(
     progress(0.7, "searching for equivalent models")
     equivalent_models = find_equivalent_models(search, fit)
     for _ in range(MAX_EXCHANGES):  # the equivalents of another model may hold a better one
-        adequate = [model for model in equivalent_models if not search.has_misfit(model.fit)]
-        if not adequate or not (adequate[0].difference < -search.bic_threshold or has_value_at_bound(fit)):
+        better_fit = _find_better_model(search, fit, equivalent_models)
+        if better_fit is None:
             break
-        fit, has_converged = refine_and_simplify(search, adequate[0].fit, np.random.default_rng(seed))
+        fit, has_converged = refine_and_simplify(search, better_fit, np.random.default_rng(seed))
         equivalent_models = find_equivalent_models(search, fit)
     return fit, has_converged, equivalent_models
+
+
+def _find_better_model(search: ForwardSelection, fit: Fit, equivalent_models: Sequence[EquivalentModel]) -> Fit | None:
+    """Return the equivalent model that takes the place of ``fit``; None if none does."""
+    adequate = [model for model in equivalent_models if not search.has_misfit(model.fit)]
+    if adequate and (adequate[0].difference < -search.bic_threshold or has_value_at_bound(fit)):
+        return adequate[0].fit
+    if find_implausible_number(fit) is None:
+        return None
+    return next(
+        (
+            model.fit
+            for model in adequate
+            if model.difference <= search.bic_threshold and find_implausible_number(model.fit) is None
+        ),
+        None,
+    )
 
 
 def find_smaller_model(search: ForwardSelection, best_fit: Fit) -> Fit | None:
