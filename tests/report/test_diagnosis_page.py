@@ -192,6 +192,9 @@ def test_equivalent_models_are_listed_with_their_difference(diagnosis: Diagnosis
     predictive = model._replace(difference=0.043, criterion="prediction error")
     row = rows_of(page.render_page(replace(diagnosis, equivalent_models=[predictive]), {}), "equivalent-models")[1]
     assert row[1] == "squared error of prediction higher by 4 %"
+    assert f"{name} would predict as well." in words.describe_verdict(
+        replace(indistinguishable, equivalent_models=[predictive])
+    )
     assert 'id="equivalent-models"' not in page.render_page(diagnosis, {})
 
 

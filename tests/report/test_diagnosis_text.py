@@ -12,7 +12,7 @@ from klute_sim.device.device import load_device
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.localization.equation_residuals import EquationResidual
 from klute_sim.diagnosis.probability import estimate_probabilities
-from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.diagnosis.result import Diagnosis, Verdict
 from klute_sim.report.diagnosis import text as words
 
 
@@ -135,11 +135,13 @@ def test_equation_of_a_device_names_the_parts_that_it_has(
 
 
 def test_effects_that_explain_all_leave_no_rest(diagnosis: Diagnosis) -> None:
+    verdicts: tuple[Verdict, ...] = ("identified-in-part", "indistinguishable")
     for share, end in ((0.9997, "practically all of the"), (0.8, "80 % of the")):
-        prediction = SimpleNamespace(share=share)
-        sentence = words.describe_verdict(replace(diagnosis, verdict="identified-in-part", prediction=prediction))
-        assert f"; this takes {end} squared error" in sentence
-        assert ("the rest is unexplained" in sentence) == (share < 0.99)
+        for verdict in verdicts:
+            prediction = SimpleNamespace(share=share)
+            sentence = words.describe_verdict(replace(diagnosis, verdict=verdict, prediction=prediction))
+            assert f"; this takes {end} squared error" in sentence
+            assert ("the rest is unexplained" in sentence) == (share < 0.99)
 
 
 def test_ankle_lacks_a_moment(diagnosis: Diagnosis) -> None:

@@ -159,7 +159,7 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
         if effects:
             clauses.append(f"{subject} {join_words(effects)}")
     sentence = "; ".join(clauses)
-    if diagnosis.verdict == "identified-in-part" and diagnosis.prediction is not None:
+    if diagnosis.verdict in ("identified-in-part", "indistinguishable") and diagnosis.prediction is not None:
         percents = round(100.0 * diagnosis.prediction.share)
         amount = f"{percents} %" if percents < 100 else "practically all"
         rest = ", and the rest is unexplained" if percents < 100 else ""
@@ -176,7 +176,9 @@ def _describe_alternatives(diagnosis: Diagnosis) -> str:
     names = dict.fromkeys(
         join_words([format_term(t) for t in terms]) for terms, free in zip(sets, is_free, strict=True) if not free
     )
-    clauses = f"; {join_words(list(names), 'or')} would explain the data equally well" if names else ""
+    by_prediction = any(model.criterion == "prediction error" for model in diagnosis.equivalent_models)
+    claim = "predict as well" if by_prediction else "explain the data equally well"
+    clauses = f"; {join_words(list(names), 'or')} would {claim}" if names else ""
     if any(is_free):
         clauses += "; or an effect is missing that is not in the catalogue, and a data-driven term represents it"
     return clauses
