@@ -22,6 +22,9 @@ DEFAULT_MAX_NFEV = 25
 """Largest number of evaluations of the residuals."""
 COST_TOLERANCE, FINE_COST_TOLERANCE = 1e-5, 1e-7
 """Relative change of the cost at convergence: for comparing hypotheses, and for a final fit."""
+FINE_CHI2_STEP = 0.01
+"""Fall of chi squared in one step at which a final fit has converged, too. Such a step moves a parameter by a tenth of
+its standard error."""
 GRADIENT_TOLERANCE = 1e-15
 """Gradient of chi squared that counts as 0. An effect without influence at the starting point has such a gradient, and
 the solver would divide by it."""
@@ -155,7 +158,8 @@ def _solve(
     def jacobian(x: Array) -> Array:
         return known_jacobians.pop() if known_jacobians else problem.jacobian(x)
 
-    result = _search(problem, start, jacobian, max_nfev)
+    tolerance = COST_TOLERANCE if coarse else FINE_COST_TOLERANCE
+    result = _search(problem, start, jacobian, max_nfev, tolerance)
     last, last_residuals = problem.evaluate_fine(result.x)
     if coarse and last @ last > first @ first + MAX_CHI2_RISE:  # the error of coarse simulations changed too much
         return _solve(data, hypothesis, x0, jac, max_nfev, coarse=False)
@@ -169,7 +173,8 @@ def _refine(data: WeightedData, fit: Fit, max_nfev: int) -> Fit:
     """Return ``fit`` after further steps with normal simulations."""
     problem = _LeastSquaresProblem(data, fit.hypothesis, coarse=False)
     jacobian = SecantJacobian(problem.evaluate, problem.jacobian, fit.jacobian)
-    result = _search(problem, fit.x, jacobian, max_nfev)
+    tolerance = max(FINE_COST_TOLERANCE, FINE_CHI2_STEP / max(fit.chi2, 1.0))
+    result = _search(problem, fit.x, jacobian, max_nfev, tolerance)
     weighted, residuals = problem.evaluate_fine(result.x)
     return Fit(fit.hypothesis, result.x, weighted, problem.jacobian(result.x), result.status > 0, residuals)
 
@@ -196,10 +201,11 @@ def _compare(
     problem.measure_coarse_error(reference.hypothesis, reference.x, reference.weighted_residuals)
     if not np.isfinite(problem.evaluate(start)).all():
         return None
-    result = _search(problem, start, SecantJacobian(problem.evaluate, problem.jacobian, jac), max_nfev)
+    jacobian = SecantJacobian(problem.evaluate, problem.jacobian, jac)
+    result = _search(problem, start, jacobian, max_nfev, COST_TOLERANCE)
     residuals = data.split_weighted_residuals(result.fun)
-    jacobian = np.asarray(result.jac)
-    return Fit(hypothesis, result.x, result.fun, jacobian, result.status > 0, residuals, is_preliminary=True)
+    last_jacobian = np.asarray(result.jac)
+    return Fit(hypothesis, result.x, result.fun, last_jacobian, result.status > 0, residuals, is_preliminary=True)
 
 
 def _move_inside(hypothesis: Hypothesis, x0: Array) -> Array:
@@ -210,14 +216,18 @@ def _move_inside(hypothesis: Hypothesis, x0: Array) -> Array:
 
 
 def _search(
-    problem: "_LeastSquaresProblem", start: Array, jacobian: Callable[[Array], Array], max_nfev: int
+    problem: "_LeastSquaresProblem",
+    start: Array,
+    jacobian: Callable[[Array], Array],
+    max_nfev: int,
+    cost_tolerance: float,
 ) -> OptimizeResult:
     return least_squares(
         problem.evaluate,
         start,
         jacobian,
         bounds=problem.hypothesis.bounds(),
-        ftol=COST_TOLERANCE if problem.coarse else FINE_COST_TOLERANCE,
+        ftol=cost_tolerance,
         xtol=1e-6,
         gtol=GRADIENT_TOLERANCE,
         max_nfev=max_nfev,
