@@ -229,7 +229,8 @@ class BenchmarkRun:
             return partial(run_diagnosis, dataset, (*excluded, *refuted), self._n_jobs)
         can_run_protocols = spec["block"] != ADVERSARY_BLOCK and rig in FOLLOW_UP_MAKERS
         proposal = verdict["next_experiment"]
-        if can_run_protocols and proposal and proposal["separation_chi2"] >= MIN_DECISIVE_CHI2:
+        is_proposed = proposal is not None and proposal["protocol"] is not None
+        if can_run_protocols and is_proposed and proposal["separation_chi2"] >= MIN_DECISIVE_CHI2:
             return partial(self._run_follow_up, FOLLOW_UP_MAKERS[rig], dataset, truth, verdict, excluded)
         return None
 

@@ -51,6 +51,8 @@ def test_equal_models_are_not_separated(weighted: tuple[WeightedData, Hypothesis
     told = proposal.to_dict()
     assert told["separation_chi2"] == pytest.approx(0.0, abs=1e-6)
     assert "No known protocol" in told["sentence"]
+    assert told["protocol"] is None
+    assert told["rig_change"] is None
 
 
 def test_recording_that_diverges_is_not_proposed(

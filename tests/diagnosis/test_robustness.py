@@ -83,6 +83,7 @@ def test_rig_change_is_proposed_where_no_command_separates_models(
     same = propose_experiment(weighted_data, dataset.device, sensor, sensor)
     assert same.separation_chi2 < 1e-6
     assert "No known protocol or change of the rig separates these" in same.to_dict()["sentence"]
+    assert same.to_dict()["protocol"] is None
 
 
 def test_nothing_is_proposed_where_no_protocol_can_be_simulated(

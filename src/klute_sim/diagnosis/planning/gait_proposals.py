@@ -16,11 +16,11 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.planning.gait_protocols import GaitProtocol, list_gait_protocols
 from klute_sim.diagnosis.planning.proposals import (
-    NOT_SEPARABLE,
     RigChange,
     build_separation_setups,
     choose_proposal,
     compute_separation,
+    describe_inseparable_models,
     simulate_channels,
     weight_predictions,
 )
@@ -58,13 +58,12 @@ class GaitProposal(NamedTuple):
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``verdict.json``."""
         if self.separation_chi2 <= BIC_THRESHOLD:
-            sentence = NOT_SEPARABLE
-        else:
-            sentence = (
-                f"Record twice, {self.rig_change.description}: {self.protocol.instruction} "
-                f"('{self.protocol.name}'). The models then differ by a chi squared of about "
-                f"{self.separation_chi2:.0f} ({BIC_THRESHOLD:.0f} are decisive). Assumed: {self.protocol.assumption}."
-            )
+            return describe_inseparable_models(self.separation_chi2)
+        sentence = (
+            f"Record twice, {self.rig_change.description}: {self.protocol.instruction} "
+            f"('{self.protocol.name}'). The models then differ by a chi squared of about "
+            f"{self.separation_chi2:.0f} ({BIC_THRESHOLD:.0f} are decisive). Assumed: {self.protocol.assumption}."
+        )
         return {
             "protocol": self.protocol.name,
             "instruction": self.protocol.instruction,

@@ -80,6 +80,18 @@ def list_rig_changes(device: Device) -> list[RigChange]:
     return [change for change in RIG_CHANGES if change.is_none or "force" in change.reference_channels]
 
 
+def describe_inseparable_models(separation_chi2: float) -> dict[str, Any]:
+    """Return the entry of ``verdict.json`` where no experiment separates two models; the best one does by
+    ``separation_chi2``.
+    """
+    return {
+        "protocol": None,
+        "rig_change": None,
+        "separation_chi2": round(separation_chi2, 1),
+        "sentence": NOT_SEPARABLE,
+    }
+
+
 class ExperimentProposal(NamedTuple):
     """An experiment that separates two models."""
 
@@ -97,18 +109,17 @@ class ExperimentProposal(NamedTuple):
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``verdict.json``."""
         if self.separation_chi2 <= BIC_THRESHOLD:
-            sentence = NOT_SEPARABLE
-        else:
-            name, command = f"'{self.protocol.name}'", f"klute-sim plan --only {self.protocol.name}; "
-            pressures = self._list_pressures()
-            if pressures:
-                listing = ", ".join(f"{key.removesuffix('_bar')} {value:.2f} bar" for key, value in pressures.items())
-                name, command = f"{name} ({listing}; klute-sim plan --model)", ""
-            sentence = (
-                f"Record protocol {name} twice ({command}channels: {', '.join(self.channels)}), "
-                f"{self.rig_change.description}: the models then differ "
-                f"by a chi squared of about {self.separation_chi2:.0f} ({BIC_THRESHOLD:.0f} are decisive)."
-            )
+            return describe_inseparable_models(self.separation_chi2)
+        name, command = f"'{self.protocol.name}'", f"klute-sim plan --only {self.protocol.name}; "
+        pressures = self._list_pressures()
+        if pressures:
+            listing = ", ".join(f"{key.removesuffix('_bar')} {value:.2f} bar" for key, value in pressures.items())
+            name, command = f"{name} ({listing}; klute-sim plan --model)", ""
+        sentence = (
+            f"Record protocol {name} twice ({command}channels: {', '.join(self.channels)}), "
+            f"{self.rig_change.description}: the models then differ "
+            f"by a chi squared of about {self.separation_chi2:.0f} ({BIC_THRESHOLD:.0f} are decisive)."
+        )
         return {
             "protocol": self.protocol.name,
             **self._list_pressures(),
