@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.trial import SensorLimits, TimeSeries
@@ -61,6 +62,23 @@ def test_jacobian_is_the_derivative_of_the_residuals(fitted_data: tuple) -> None
         assert np.count_nonzero(~is_close) <= 2  # one sample of both repeats
         error = np.linalg.norm(coarse.jacobian[:, k] - result.jacobian[:, k])
         assert 0.0 < error < 0.25 * np.linalg.norm(result.jacobian[:, k])
+
+
+def test_final_fit_ends_at_the_minimum_of_normal_simulations(fitted_data: tuple) -> None:
+    """Numbers that compensate each other make a flat valley, along which a rough derivative hardly advances."""
+    _, weighted_data, _ = fitted_data
+    uncertain = (("tendon.stiffness_1_n_per_mm", 20.0), ("tendon.slack_length_mm", 5.0), ("muscle.c10_kpa", 60.0))
+    terms = (EffectTerm("tendon_slack", "dead_length"),)
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), uncertain, (("force", 3.0),), terms)
+
+    def evaluate(x: np.ndarray) -> np.ndarray:
+        (residuals,) = weighted_data.compute_residuals(hypothesis, [x])
+        priors = weighted_data.compute_prior_residuals(hypothesis, x)
+        return np.concatenate([weighted_data.weight_residuals(residuals), priors])
+
+    refined = fit_hypothesis(weighted_data, hypothesis, fine=True)
+    lowest = least_squares(evaluate, refined.x, "3-point", bounds=hypothesis.bounds(), diff_step=1e-3, ftol=1e-10)
+    assert refined.chi2 == pytest.approx(2.0 * lowest.cost, abs=0.05)
 
 
 def test_undetermined_parameter_has_an_interval() -> None:

@@ -97,8 +97,8 @@ def fit_hypothesis(
 
     ``x0`` holds the starting point in normalized parameters; by default the nominal device with neutral effects.
     ``jac`` is the Jacobian at ``x0``, or an approximation for the first step. Intermediate simulations are coarse, with
-    their error at ``x0`` subtracted; the residuals of the result are not. A ``fine`` fit takes its last steps, which
-    begin with the Jacobian of coarse simulations, and its own Jacobian from normal simulations.
+    their error at ``x0`` subtracted; the residuals of the result are not. A ``fine`` fit takes its last steps and its
+    Jacobian from normal simulations.
 
     With a ``reference``, the fit is preliminary: its residuals are those of ``reference`` plus their change in coarse
     simulations, and steps along which they are nearly linear correct its Jacobian
@@ -172,7 +172,8 @@ def _solve(
 def _refine(data: WeightedData, fit: Fit, max_nfev: int) -> Fit:
     """Return ``fit`` after further steps with normal simulations."""
     problem = _LeastSquaresProblem(data, fit.hypothesis, coarse=False)
-    jacobian = SecantJacobian(problem.evaluate, problem.jacobian, fit.jacobian)
+    # That of coarse simulations is too inaccurate for the flat valley of numbers that compensate each other.
+    jacobian = SecantJacobian(problem.evaluate, problem.jacobian)
     tolerance = max(FINE_COST_TOLERANCE, FINE_CHI2_STEP / max(fit.chi2, 1.0))
     result = _search(problem, fit.x, jacobian, max_nfev, tolerance)
     weighted, residuals = problem.evaluate_fine(result.x)
