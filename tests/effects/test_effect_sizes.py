@@ -15,14 +15,23 @@ PAGE = (Path(__file__).parents[2] / "docs" / "effect-sizes.md").read_text("utf-8
 OUTDATED = f"docs/effect-sizes.md is outdated: run `{COMMAND}`"
 
 
+LONG_ROWS = "tendon_hysteresis/maxwell_slip", "tendon_hysteresis/viscous"
+"""Beginnings of the names of rows that take seconds each."""
+
+
+def is_slow(index: int, row: EffectSize) -> bool:
+    """Return whether ``row`` is measured with the slow tests only: every second one, and long ones."""
+    return index % 2 == 1 or row.name.startswith(LONG_ROWS)
+
+
 SHOWN_SIZES = pytest.mark.parametrize(
     ("row", "shown"),
     [
-        pytest.param(row, shown, id=row.name, marks=pytest.mark.slow if index % 2 else [])
+        pytest.param(row, shown, id=row.name, marks=pytest.mark.slow if is_slow(index, row) else [])
         for index, (row, shown) in enumerate(zip(ROWS, parse_measured(PAGE), strict=True))
     ],
 )
-"""Rows of the page and the sizes that it shows; every second one is slow."""
+"""Rows of the page and the sizes that it shows."""
 
 
 @SHOWN_SIZES
