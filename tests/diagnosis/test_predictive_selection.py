@@ -37,8 +37,7 @@ from tests.diagnosis.synthetic_dataset import make_repeats
 
 DEVICE = load_device("klute-3-4-pair")
 FRICTION, TAPER = EffectTerm("seal_friction", "coulomb"), EffectTerm("end_taper", "strain")
-TENSION = EffectTerm("passive_tension", "exponential")
-GAIN = EffectTerm("sensor_gain", "linear", "force")
+TENSION, GAIN = EffectTerm("passive_tension", "exponential"), EffectTerm("sensor_gain", "linear", "force")
 RADIUS, TURNS = (
     EffectTerm("number_error", "value", number=f"muscle.{key}") for key in ("bladder_radius_mm", "turns_per_m")
 )

@@ -23,8 +23,8 @@ DEFAULT_MAX_NFEV = 25
 COST_TOLERANCE, FINE_COST_TOLERANCE = 1e-5, 1e-7
 """Relative change of the cost at convergence: for comparing hypotheses, and for a final fit."""
 FINE_CHI2_STEP = 0.01
-"""Fall of chi squared in one step at which a final fit has converged, too. Such a step moves a parameter by a tenth of
-its standard error."""
+"""Fall of chi squared in one step at which a final fit has converged, too: the minimum is lower by as little where a
+parameter is off by a tenth of its standard error."""
 GRADIENT_TOLERANCE = 1e-15
 """Gradient of chi squared that counts as 0. An effect without influence at the starting point has such a gradient, and
 the solver would divide by it."""
@@ -172,7 +172,7 @@ def _solve(
 def _refine(data: WeightedData, fit: Fit, max_nfev: int) -> Fit:
     """Return ``fit`` after further steps with normal simulations."""
     problem = _LeastSquaresProblem(data, fit.hypothesis, coarse=False)
-    # That of coarse simulations is too inaccurate for the flat valley of numbers that compensate each other.
+    # The Jacobian of coarse simulations is too inaccurate for the flat valley of numbers that compensate each other.
     jacobian = SecantJacobian(problem.evaluate, problem.jacobian)
     tolerance = max(FINE_COST_TOLERANCE, FINE_CHI2_STEP / max(fit.chi2, 1.0))
     result = _search(problem, fit.x, jacobian, max_nfev, tolerance)
@@ -181,9 +181,7 @@ def _refine(data: WeightedData, fit: Fit, max_nfev: int) -> Fit:
 
 
 def complete_fit(data: WeightedData, fit: Fit) -> Fit:
-    """Return a preliminary ``fit`` with the residuals of normal simulations and a computed Jacobian; others as they
-    are.
-    """
+    """Return ``fit`` with residuals from normal simulations and a computed Jacobian, where it is preliminary."""
     if not fit.is_preliminary:
         return fit
     problem = _LeastSquaresProblem(data, fit.hypothesis, coarse=True)

@@ -209,8 +209,7 @@ class ForwardSelection:
         """Return fits of ``current`` with each of ``candidates`` added, best first.
 
         The fits are preliminary. Candidates that lag behind the best one, or behind ``bic_goal``, are not fitted to the
-        end.
-        ``max_nfev_by_round`` holds the maximum number of function evaluations of each round.
+        end. ``max_nfev_by_round`` holds the maximum number of function evaluations of each round.
         """
         fits = []
         for index, candidate in enumerate(candidates):
