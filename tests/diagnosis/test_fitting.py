@@ -65,7 +65,7 @@ def test_jacobian_is_the_derivative_of_the_residuals(fitted_data: tuple) -> None
 
 
 def test_final_fit_ends_at_the_minimum_of_normal_simulations(fitted_data: tuple) -> None:
-    """Numbers that compensate each other make a flat valley, along which a rough derivative hardly advances."""
+    """Numbers that compensate each other make a flat valley."""
     _, weighted_data, _ = fitted_data
     uncertain = (("tendon.stiffness_1_n_per_mm", 20.0), ("tendon.slack_length_mm", 5.0), ("muscle.c10_kpa", 60.0))
     terms = (EffectTerm("tendon_slack", "dead_length"),)

@@ -61,15 +61,13 @@ class SecantJacobian:
         evaluate: Callable[[Array], Array],
         differentiate: Callable[[Array], Array],
         initial: Array | None = None,
-        max_nonlinearity: float = MAX_NONLINEARITY,
     ) -> None:
         """Start with the Jacobian ``initial``, which may be an approximation; None: with a computed one.
 
         ``evaluate`` returns the residuals and ``differentiate`` computes their Jacobian. It is computed after each step
-        with more than ``max_nonlinearity`` (:func:`measure_nonlinearity`).
+        with more than :data:`MAX_NONLINEARITY` (:func:`measure_nonlinearity`).
         """
         self._evaluate, self._differentiate, self._initial = evaluate, differentiate, initial
-        self._max_nonlinearity = max_nonlinearity
         self._last: Point | None = None
 
     def __call__(self, x: Array) -> Array:
@@ -77,7 +75,7 @@ class SecantJacobian:
         residuals = self._evaluate(x)
         if self._last is None and self._initial is not None:
             self._last = Point(x, residuals, self._initial)
-        elif self._last is not None and measure_nonlinearity(self._last, x, residuals) <= self._max_nonlinearity:
+        elif self._last is not None and measure_nonlinearity(self._last, x, residuals) <= MAX_NONLINEARITY:
             self._last = correct_jacobian(self._last, x, residuals)
         else:
             self._last = Point(x, residuals, self._differentiate(x))

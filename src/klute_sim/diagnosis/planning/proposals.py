@@ -81,9 +81,7 @@ def list_rig_changes(device: Device) -> list[RigChange]:
 
 
 def describe_inseparable_models(separation_chi2: float) -> dict[str, Any]:
-    """Return the entry of ``verdict.json`` where no experiment separates two models; the best one does by
-    ``separation_chi2``.
-    """
+    """Return the entry of ``verdict.json`` where the best experiment separates by ``separation_chi2`` only."""
     return {
         "protocol": None,
         "rig_change": None,
