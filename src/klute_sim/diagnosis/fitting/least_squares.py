@@ -3,7 +3,7 @@
 import hashlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -29,7 +29,8 @@ GRADIENT_TOLERANCE = 1e-15
 """Gradient of chi squared that counts as 0. An effect without influence at the starting point has such a gradient, and
 the solver would divide by it."""
 MAX_CHI2_RISE = 0.5
-"""Largest rise of chi squared over a fit with coarse simulations, before it is repeated with normal ones."""
+"""Largest rise of chi squared over a fit with coarse simulations, before it is repeated: with normal ones, or, if it is
+preliminary, with their error at its own start."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +50,7 @@ class Fit:
     residuals: Residuals = field(repr=False)
     """Measured minus simulated [SI]."""
     is_preliminary: bool = False
-    """Whether the fit only serves to compare hypotheses: its residuals come from coarse simulations, and its Jacobian
-    is an approximation."""
+    """Whether the fit only serves to compare hypotheses: its steps and its Jacobian are approximations."""
 
     @property
     def chi2(self) -> float:
@@ -100,9 +100,9 @@ def fit_hypothesis(
     their error at ``x0`` subtracted; the residuals of the result are not. A ``fine`` fit takes its last steps and its
     Jacobian from normal simulations.
 
-    With a ``reference``, the fit is preliminary: its residuals are those of ``reference`` plus their change in coarse
-    simulations, and steps along which they are nearly linear correct its Jacobian
-    (:mod:`klute_sim.diagnosis.fitting.secant`).
+    With a ``reference``, the fit is preliminary: its steps follow the residuals of ``reference`` plus their change in
+    coarse simulations, and those along which they are nearly linear correct its Jacobian
+    (:mod:`klute_sim.diagnosis.fitting.secant`). It begins without a normal simulation and ends with one.
 
     The solver rejects a step to a point where a simulation diverges, and tries a shorter one. Where simulations diverge
     at ``x0`` itself, the result stays there, its residuals are infinite, and it has not converged.
@@ -116,12 +116,8 @@ def fit_hypothesis(
     cached = data.cache.get(key) if data.cache else None
     if cached is not None:
         x, weighted, converged = cached["x"], cached["weighted_residuals"], bool(cached["converged"])
+        residuals = data.compute_residuals(hypothesis, [x], may_diverge=True)[0]
         is_preliminary = bool(cached["is_preliminary"])
-        residuals = (
-            data.split_weighted_residuals(weighted)
-            if is_preliminary
-            else data.compute_residuals(hypothesis, [x], may_diverge=True)[0]
-        )
         return Fit(hypothesis, x, weighted, cached["jacobian"], converged, residuals, is_preliminary)
     fit = None if reference is None else _compare(data, hypothesis, start, jac, max_nfev, reference)
     fit = fit or _solve(data, hypothesis, start, jac, max_nfev, coarse=True)
@@ -181,20 +177,18 @@ def _refine(data: WeightedData, fit: Fit, max_nfev: int) -> Fit:
 
 
 def complete_fit(data: WeightedData, fit: Fit) -> Fit:
-    """Return ``fit`` with residuals from normal simulations and a computed Jacobian, where it is preliminary."""
+    """Return ``fit`` with a computed Jacobian, where it is preliminary."""
     if not fit.is_preliminary:
         return fit
-    problem = _LeastSquaresProblem(data, fit.hypothesis, coarse=True)
-    weighted, residuals = problem.evaluate_fine(fit.x)
-    is_finite = bool(np.isfinite(weighted).all())
-    jacobian = problem.jacobian(fit.x) if is_finite else np.zeros_like(fit.jacobian)
-    return Fit(fit.hypothesis, fit.x, weighted, jacobian, fit.converged and is_finite, residuals)
+    is_known = fit.has_diverged or not len(fit.x)
+    jacobian = fit.jacobian if is_known else compute_jacobian(data, fit.hypothesis, fit.x, coarse=True)
+    return replace(fit, jacobian=jacobian, is_preliminary=False)
 
 
 def _compare(
     data: WeightedData, hypothesis: Hypothesis, x0: Array, jac: Array | None, max_nfev: int, reference: Fit
 ) -> Fit | None:
-    """Return the preliminary fit, without a normal simulation; None where a coarse one diverges at its start."""
+    """Return the preliminary fit; None where coarse simulations diverge at its start, or mislead it."""
     start = _move_inside(hypothesis, x0)
     problem = _LeastSquaresProblem(data, hypothesis, coarse=True)
     problem.measure_coarse_error(reference.hypothesis, reference.x, reference.weighted_residuals)
@@ -202,9 +196,11 @@ def _compare(
         return None
     jacobian = SecantJacobian(problem.evaluate, problem.jacobian, jac)
     result = _search(problem, start, jacobian, max_nfev, COST_TOLERANCE)
-    residuals = data.split_weighted_residuals(result.fun)
-    last_jacobian = np.asarray(result.jac)
-    return Fit(hypothesis, result.x, result.fun, last_jacobian, result.status > 0, residuals, is_preliminary=True)
+    # The error of coarse simulations depends on the effects, so only normal ones tell which model fits better.
+    last, residuals = problem.evaluate_fine(result.x)
+    fit = Fit(hypothesis, result.x, last, np.asarray(result.jac), result.status > 0, residuals, is_preliminary=True)
+    continues_reference = hypothesis == reference.hypothesis and np.array_equal(x0, reference.x)
+    return None if continues_reference and fit.chi2 > reference.chi2 + MAX_CHI2_RISE else fit
 
 
 def _move_inside(hypothesis: Hypothesis, x0: Array) -> Array:

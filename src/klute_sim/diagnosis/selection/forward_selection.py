@@ -237,7 +237,7 @@ class ForwardSelection:
                     fit.x,
                     fit.jacobian if index < last else None,
                     max_nfev=max_nfev_by_round[index],
-                    reference=current,
+                    reference=fit,
                 )
         return sorted([*fits, *dropped], key=self._bic)
 
