@@ -2,11 +2,15 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from klute_sim.diagnosis.final_model import FinalModel
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.refits import refit_without_term
+from klute_sim.diagnosis.selection.robustness import check_convergence
 
 
 def find_term_without_effect(fit: Fit, intervals: Sequence[tuple[float, float]]) -> tuple[EffectTerm, float] | None:
@@ -27,8 +31,10 @@ def find_term_without_effect(fit: Fit, intervals: Sequence[tuple[float, float]])
     return None
 
 
-def remove_absent_effects(selected: FinalModel) -> FinalModel:
+def remove_absent_effects(selected: FinalModel, seed: int) -> FinalModel:
     """Return ``selected`` without effects whose interval contains their absence; then the names are a part.
+
+    ``seed`` is that of the restart of the fit without them.
 
     If such an effect is the only one, it stays as a proxy. With an imperfect law the intervals hold the scatter of the
     effect between conditions, and predictions decide.
@@ -50,8 +56,14 @@ def remove_absent_effects(selected: FinalModel) -> FinalModel:
             return selected._replace(verdict="unexplained", reasons=[*reasons, *selected.reasons])
         known = [reason for reason in selected.reasons if not reason.startswith(f"{term}: ")]
         selected = selected._replace(reasons=known)  # why a term was added is of no interest once it is left out
-        fit = refit_without_term(selected.data, selected.final_fit, term)
+        reduced_fit = refit_without_term(selected.data, selected.final_fit, term)
+        fit, has_converged = check_convergence(selected.data, reduced_fit, np.random.default_rng(seed))
         intervals = compute_confidence_intervals(selected.data, fit)
-        selected = selected._replace(final_fit=fit, confidence_intervals=intervals)
+        selected = selected._replace(
+            final_fit=fit,
+            confidence_intervals=intervals,
+            equation_residuals=compute_equation_residuals(selected.data, fit),
+            has_converged=has_converged,
+        )
         found = find_term_without_effect(fit, intervals)
     return selected._replace(verdict="identified-in-part", reasons=[*reasons, *selected.reasons])

@@ -246,7 +246,7 @@ def _search_model(
         dataset.tolerance,
     )
     selected = _select_model(search, experiments, base_fit, options, progress)
-    return Outcome(experiments, data, search, base_fit, remove_absent_effects(selected), remarks)
+    return Outcome(experiments, data, search, base_fit, remove_absent_effects(selected, options.seed), remarks)
 
 
 def _select_model(
