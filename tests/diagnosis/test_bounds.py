@@ -199,6 +199,25 @@ def test_model_that_leaves_a_misfit_replaces_none_that_reaches_the_noise(
     assert fit is (best if has_misfit else other)
 
 
+@pytest.mark.parametrize(("rise", "is_adopted"), [(-1.0, True), (5.0, True), (7.0, False)])
+def test_smaller_model_that_fits_worse_once_refined_is_not_adopted(
+    rise: float, is_adopted: bool, data: WeightedData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    best, smaller = make_fit(THRESHOLD), make_fit(COULOMB)
+    refined = replace(smaller, weighted_residuals=np.array([np.sqrt(100.0 + rise)]))
+    best = replace(best, weighted_residuals=np.array([10.0]))
+    search = ForwardSelection(data, [], [])
+    assert len(best.x) == len(smaller.x)
+    monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
+    monkeypatch.setattr(
+        robustness, "refine_and_simplify", lambda search, fit, rng: (refined if fit is smaller else fit, True)
+    )
+    monkeypatch.setattr(robustness, "find_smaller_model", lambda *_: smaller)
+    monkeypatch.setattr(robustness, "find_equivalent_models", lambda *_: [])
+    fit, _, _ = select_final_fit(search, best, 0, lambda *_: None)
+    assert fit is (refined if is_adopted else best)
+
+
 def test_better_model_among_the_equivalents_of_an_equivalent_one_is_found(
     data: WeightedData, monkeypatch: pytest.MonkeyPatch
 ) -> None:

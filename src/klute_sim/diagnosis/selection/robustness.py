@@ -58,7 +58,9 @@ def select_final_fit(
     smaller_fit = find_smaller_model(search, fit)
     if smaller_fit is not None:
         smaller_fit, is_reproducible = refine_and_simplify(search, smaller_fit, np.random.default_rng(seed))
-        if not has_value_at_bound(smaller_fit) and not search.has_misfit(smaller_fit):
+        n = search.data.n_effective
+        is_as_good = smaller_fit.bic(n) <= fit.bic(n) + search.bic_threshold  # still, after both were refined
+        if is_as_good and not has_value_at_bound(smaller_fit) and not search.has_misfit(smaller_fit):
             fit, has_converged = smaller_fit, is_reproducible
     progress(0.7, "searching for equivalent models")
     equivalent_models = find_equivalent_models(search, fit)
