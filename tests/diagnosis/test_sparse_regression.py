@@ -14,6 +14,7 @@ from benchmarks.hidden_effects.generate import make_dataset
 from klute_sim.api.diagnosis import DiagnosisResult
 from klute_sim.datasets import dataset as datasets
 from klute_sim.device.device import load_device, parse_device
+from klute_sim.diagnosis.discrepancy import sparse_regression
 from klute_sim.diagnosis.discrepancy.sparse_regression import (
     add_data_driven_term,
     find_supports,
@@ -29,7 +30,7 @@ from klute_sim.diagnosis.localization.equation_residuals import EquationResidual
 from klute_sim.diagnosis.noise import repeats as noises
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.candidates import check_effect_names, list_candidate_terms
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, ForwardSelection
 from klute_sim.diagnosis.verdict import verdict_to_dict
 from klute_sim.diagnosis.workflow import diagnose, fit_base_device
 from klute_sim.effects import catalogue
@@ -124,6 +125,17 @@ def test_regression_eliminates_functions(with_hidden_term: tuple[ForwardSelectio
     assert (
         len(find_supports(search.data, base, EffectTerm("unknown_tendon_force", "sparse"))[-1].term.parameter_keys) <= 3
     )
+
+
+def test_term_with_which_every_simulation_diverges_is_not_added(
+    with_hidden_term: tuple[ForwardSelection, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search, base = with_hidden_term
+    diverged = replace(base, weighted_residuals=np.full_like(base.weighted_residuals, np.inf))
+    monkeypatch.setattr(sparse_regression, "fit_hypothesis", lambda *_, **__: diverged)
+    result = add_data_driven_term(search, base, base, RESIDUALS)
+    assert result.fit is None
+    assert result.reason.endswith(f"was tested, but {DIVERGENCE_REASON}.")
 
 
 def test_clean_data_get_no_term(clean: tuple[ForwardSelection, Fit]) -> None:

@@ -15,7 +15,7 @@ from klute_sim.diagnosis.planning.identifiability import INDISTINGUISHABLE_COSIN
 from klute_sim.diagnosis.probability import Probabilities, estimate_probabilities
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
+from klute_sim.diagnosis.selection.predictive_model import PredictiveResult, compare_errors
 from klute_sim.diagnosis.transfer_prediction import TransferPrediction, summarize_predictions
 from klute_sim.effects.families import instrument
 
@@ -153,10 +153,11 @@ def _describe_cross_validation(prediction: PredictiveResult) -> dict[str, Any]:
         "models": [
             {
                 "effects": [term.qualified_name for term in model.terms],
-                "squared_error": round(model.error / prediction.base.error, 4),
+                "squared_error": None if ratio is None else round(ratio, 4),
                 "reason": model.obstacle or None,
             }
             for model in prediction.models
+            for ratio in [compare_errors(model, prediction.base)]
         ],
     }
 

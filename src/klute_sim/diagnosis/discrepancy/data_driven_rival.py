@@ -14,7 +14,7 @@ import numpy as np
 from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
 from klute_sim.diagnosis.discrepancy.sparse_regression import fit_data_driven_term
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.bounds import refine_names
@@ -237,7 +237,7 @@ def _list_rivals(search: ForwardSelection, step: SelectionStep, base_fit: Fit, n
     """
     max_chi2 = named_fit.chi2 + MAX_GAIN_LAG_FRACTION * (base_fit.chi2 - named_fit.chi2)
     name = named_fit.hypothesis.terms[-1]
-    rivals: dict[tuple[str | None, ...], EquivalentModel] = {}
+    rivals: dict[Identity, EquivalentModel] = {}
     for refit in step.refits[1:]:
         identity = refit.hypothesis.terms[-1].identity
         if refit.chi2 > max_chi2 or identity == name.identity or identity in rivals:

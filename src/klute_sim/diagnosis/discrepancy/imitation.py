@@ -102,8 +102,8 @@ def compare_with_data_driven_models(
     equation_residuals = compute_equation_residuals(search.data, base_fit)
     for library in list_data_driven_terms(base_fit, equation_residuals, exclude).values():
         # Smallest first, so that the shortest of the formulas that predict as well is compared.
-        extended = list(_extend(selection, result.base.fit, library))
-        if not extended:  # no function has an influence
+        extended = [model for model in _extend(selection, result.base.fit, library) if np.isfinite(model.error)]
+        if not extended:  # no function has an influence, or simulations diverge with each of them
             continue
         small = [model for model in extended if len(model.terms[-1].parameter_keys) <= len(names)]
         rivals += [

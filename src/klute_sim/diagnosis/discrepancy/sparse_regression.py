@@ -18,7 +18,12 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.localization.equation_residuals import EquationResidual, select_significant_equations
 from klute_sim.diagnosis.localization.joint_equations import name_equation
-from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, REFIT_MAX_NFEV, ForwardSelection
+from klute_sim.diagnosis.selection.forward_selection import (
+    BIC_THRESHOLD,
+    DIVERGENCE_REASON,
+    REFIT_MAX_NFEV,
+    ForwardSelection,
+)
 from klute_sim.effects.effect import Effect
 from klute_sim.effects.families import discrepancy_formulas, discrepancy_terms, joint_terms
 from klute_sim.types import Array
@@ -125,7 +130,11 @@ def fit_data_driven_term(
         return DataDrivenTermResult(None, reason, equation)
     leading = sorted(promising, key=lambda support: -support.predicted_bic_gain)[:max_supports]
     fitted = [support for support in promising if any(support is other for other in leading)]  # smallest first
-    return DataDrivenTermResult(_fit_supports(search, current, fitted), "", equation)
+    best_fit = _fit_supports(search, current, fitted)
+    if best_fit is None:
+        reason = f"A data-driven term in the equation of {equation} was tested, but {DIVERGENCE_REASON}."
+        return DataDrivenTermResult(None, reason, equation)
+    return DataDrivenTermResult(best_fit, "", equation)
 
 
 def list_data_driven_terms(
@@ -227,13 +236,16 @@ def _create_support(data: WeightedData, current: Fit, full_fit: Fit, target: Arr
     return Support(term._replace(parameter_keys=keys), x0, bic_gain)
 
 
-def _fit_supports(search: ForwardSelection, current: Fit, supports: Sequence[Support]) -> Fit:
-    """Return the smallest model whose BIC is not decisively worse than the best."""
+def _fit_supports(search: ForwardSelection, current: Fit, supports: Sequence[Support]) -> Fit | None:
+    """Return the smallest model whose BIC is not decisively worse than the best; None if all of them diverge."""
     fits = []
     for support in supports:
         search.report_stage(f"fitting a data-driven term of {len(support.term.parameter_keys)}")
         hypothesis = current.hypothesis.with_term(support.term)
         fits.append(fit_hypothesis(search.data, hypothesis, support.x0, max_nfev=REFIT_MAX_NFEV[0]))
+    fits = [fit for fit in fits if not fit.has_diverged]
+    if not fits:
+        return None
     bics = [fit.bic(search.data.n_effective) for fit in fits]
     best = next(fit for fit, bic in zip(fits, bics, strict=True) if bic < min(bics) + BIC_THRESHOLD)
     return fit_hypothesis(search.data, best.hypothesis, best.x, best.jacobian, max_nfev=REFIT_MAX_NFEV[-1])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.noise.repeats import group_repeats
 from klute_sim.types import Array, Mask
@@ -82,7 +82,7 @@ class PredictiveModel:
         return self.fit.hypothesis.terms
 
     @property
-    def identities(self) -> frozenset[tuple[str | None, ...]]:
+    def identities(self) -> frozenset[Identity]:
         """What the terms stand for."""
         return frozenset(term.identity for term in self.terms)
 
@@ -298,8 +298,9 @@ def choose_stable_model(
 
     stability = measure_stability(chosen)
     stable = frozenset(term.identity for term, fraction in stability.items() if fraction >= MIN_STABILITY)
-    if stable and stable != chosen.identities:
-        chosen = choose_model([model for model in models if model.identities <= stable], folds, noise)
+    supported = [model for model in models if model.identities <= stable]
+    if stable and stable != chosen.identities and supported:
+        chosen = choose_model(supported, folds, noise)
         stability = measure_stability(chosen)
     return chosen, stability
 

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis, Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit, complete_fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
@@ -107,7 +107,7 @@ class PredictiveSelection:
         """
         self.report_stage("refitting with the error of the law as noise")
         base_fit = fit_hypothesis(self.data, base_fit.hypothesis, base_fit.x)
-        base = self.assess(base_fit)
+        base = self._assess_base(base_fit)
         candidates = screen_candidates(self.data, base_fit, self.candidate_terms)
         singles = {
             fit.hypothesis.terms[-1]: fit for fit in self._refit(base_fit, _select_best(candidates, MAX_SINGLES))
@@ -115,7 +115,7 @@ class PredictiveSelection:
         fits: dict[frozenset[EffectTerm], Fit] = {frozenset([term]): fit for term, fit in singles.items()}
         for first, second, _ in screen_pairs(base_fit, candidates)[:MAX_PAIRS]:
             if first.term not in singles:
-                singles[first.term] = self._refit(base_fit, [first])[0]
+                fits[frozenset([first.term])] = singles[first.term] = self._refit(base_fit, [first])[0]
             self._extend(singles[first.term], [second.term], fits)
         # Where an effect is far from linear, its pairs are predicted only after it has been fitted.
         for single in sorted(singles.values(), key=lambda fit: fit.chi2)[:N_EXTENDED_SINGLES]:
@@ -147,6 +147,18 @@ class PredictiveSelection:
             models = sorted([finished if model is unfinished[0] else model for model in models], key=rank_model)
             models = self._add_simplified(finished, models)
         return self._decide_refined(base, models)
+
+    def _assess_base(self, base_fit: Fit) -> PredictiveModel:
+        """Return the errors of ``base_fit`` without added effects; folds in which it diverges are left out from now on.
+
+        With an infinite error, no gain and no share of it could be compared.
+        """
+        base = self.assess(base_fit)
+        is_predicted = np.isfinite(base.errors)
+        if is_predicted.all() or not is_predicted.any():
+            return base
+        self.folds = [fold for fold, is_kept in zip(self.folds, is_predicted, strict=True) if is_kept]
+        return self.assess(base_fit)
 
     def _refit(self, current: Fit, candidates: Sequence[Candidate]) -> list[Fit]:
         fits = self.search.refit_candidates(current, candidates, max_nfev_by_round=COMPARISON_MAX_NFEV)
@@ -349,7 +361,7 @@ def _count_samples(experiment: Experiment) -> int:
 
 def _select_best(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
     """Return the best form of each of the ``count`` best causes."""
-    best: dict[tuple[str | None, ...], Candidate] = {}
+    best: dict[Identity, Candidate] = {}
     for candidate in candidates:
         if candidate.predicted_gain > 0.0:
             best.setdefault(candidate.term.identity, candidate)
