@@ -1,5 +1,6 @@
 """The model that a diagnosis ends with: one that reaches the noise, a named part of the misfit, or proxies."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -77,6 +78,7 @@ def select_adequate_model(
     if data_driven_model is not None and data_driven_model.difference < -compute_refusal_threshold(search):
         return _refuse_names(search, base_fit, final_fit, data_driven_model, options)
     equivalent_models += [data_driven_model] if data_driven_model else []
+    equivalent_models.sort(key=lambda model: model.difference)
     verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
     if verdict == "identified" and (rival := find_rival_of_number(search, base_fit, final_fit, options.exclude)):
         verdict, equivalent_models, reasons = "indistinguishable", [rival.model], [rival.sentence, *reasons]
@@ -239,6 +241,7 @@ def select_imperfect_model(
         reasons = [*reasons, reason]
         difference = data_driven_rival.error / result.chosen.error - 1.0
         equivalent_models.append(EquivalentModel(data_driven_rival.fit, difference, "prediction error"))
+        equivalent_models.sort(key=lambda model: model.difference)
     return FinalModel(
         "indistinguishable" if equivalent_models else decision.verdict,
         reasons,
@@ -350,10 +353,8 @@ def _decide_verdict(
         return "unexplained", [coincidence, *reasons]
     if equivalent_models:
         names = ", ".join(sorted({str(model.fit.hypothesis.terms[-1]) for model in equivalent_models}))
-        sentence = (
-            f"{names} would explain the data to the noise as well: BIC differs by no more than "
-            f"{search.bic_threshold:.0f}, or by a few per cent of what they gain."
-        )
+        difference = max(abs(model.difference) for model in equivalent_models)
+        sentence = f"{names} would explain the data as well: BIC differs by less than {math.floor(difference) + 1}."
         return "indistinguishable", [*reasons, sentence]
     return "identified", reasons
 

@@ -5,14 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from klute_sim.diagnosis.fitting.bic import format_bic_drop
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Identity
 from klute_sim.diagnosis.imperfect_law import FOLD_WORDS
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, SelectionStep
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult, compare_errors
 
-Identity = tuple[str | None, ...]
-"""Effect, channel and number of a term."""
 LATER = "; after that, "
 """Words between the reason of the fit and that of the last screening."""
 
@@ -73,11 +71,14 @@ def _explain_step(step: SelectionStep, n_independent: float) -> dict[Identity, R
         rejections.setdefault(term.identity, Rejection(term, reason))
     initial_bic = step.initial_fit.bic(n_independent)
     gains = {fit.hypothesis.terms[-1]: initial_bic - fit.bic(n_independent) for fit in step.refits}
+    has_converged = {fit.hypothesis.terms[-1]: fit.converged for fit in step.refits}
     for term, gain in gains.items():
         if not np.isfinite(gain):
             rejections.setdefault(term.identity, Rejection(term, DIVERGENCE_REASON))
             continue
         reason = f"other candidates fit better: with it, BIC {format_bic_drop(gain, 1)}"
+        if not has_converged[term]:
+            reason += " before the fit was stopped, too far behind"
         if step.added_term is not None:
             reason += f"; with {step.added_term}, it {format_bic_drop(gains[step.added_term], 1)}"
         rejections.setdefault(term.identity, Rejection(term, reason))

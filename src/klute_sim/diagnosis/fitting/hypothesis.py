@@ -40,6 +40,8 @@ from klute_sim.plant.mjcf.model_effects import ModelEffect
 from klute_sim.plausibility.device_numbers import limit_to_plausible
 from klute_sim.types import Array
 
+Identity = tuple[str | None, ...]
+"""What a term stands for, whatever its form: effect, channel, number, tendon, part and specimen."""
 PRIOR_BOUND_SIGMAS = 3.0
 """Bounds of an uncertain device value, in standard deviations from its nominal value."""
 MIN_NUMBER_FRACTION = 1e-3
@@ -69,8 +71,8 @@ class EffectTerm(NamedTuple):
     """The number that the file states for this specimen, in its unit; None where there is none."""
 
     @property
-    def identity(self) -> tuple[str | None, ...]:
-        """What the term stands for, whatever its form: effect, channel, number, tendon, part and specimen."""
+    def identity(self) -> Identity:
+        """What the term stands for, whatever its form."""
         return self.effect, self.channel, self.number, self.tendon, self.part, self.specimen
 
     @property
@@ -391,9 +393,8 @@ def _select_effects(spec: DeviceSpec, kind: str) -> dict[tuple[str, str], dict[s
 def _collect_body_edits(spec: DeviceSpec, changed_keys: Iterable[str]) -> list[BodyEdit]:
     """Return the device's own body effects that have a value among ``changed_keys``."""
     changed = {key.split(".")[1] for key in changed_keys if key.startswith("effects.")}
-    body_effects = _select_effects(spec, "body")
     return [
         BodyEdit(effect, form, tuple(values.items()))
-        for (effect, form), values in body_effects.items()
+        for (effect, form), values in _select_effects(spec, "body").items()
         if effect in changed
     ]

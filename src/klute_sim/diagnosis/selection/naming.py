@@ -179,7 +179,7 @@ def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, valu
 
 
 def list_kinds(terms: Iterable[EffectTerm]) -> list[str]:
-    """Return the kinds of causes among ``names``: a number, or an effect of device, mechanism, body or instrument."""
+    """Return the kinds of causes among ``terms``: a number, or an effect of device, mechanism, body or instrument."""
     return sorted({"number" if term.number else term.effect_definition.kind for term in terms})
 
 

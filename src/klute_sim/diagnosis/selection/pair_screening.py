@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from klute_sim.diagnosis.fitting.hypothesis import Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit, complete_fit
 from klute_sim.diagnosis.selection.candidates import is_same_cause
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
@@ -40,7 +41,7 @@ def screen_pairs(base_fit: Fit, candidates: Sequence[Candidate]) -> list[Candida
     directions = np.array([c.direction for c in candidates])
     cosines = directions @ directions.T
     projections = -directions @ base_fit.weighted_residuals
-    best: dict[frozenset[tuple[str | None, ...]], tuple[float, int, int]] = {}
+    best: dict[frozenset[Identity], tuple[float, int, int]] = {}
     for i in range(len(candidates)):
         for k in range(i + 1, len(candidates)):
             first, second = candidates[i], candidates[k]
