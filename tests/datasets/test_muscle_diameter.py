@@ -132,6 +132,7 @@ def test_dataset_states_what_it_scales(ten: Device, tmp_path: Path) -> None:
     given = load_dataset(tmp_path, dataset.device)  # a device that was found for these trials
     assert given.device.spec.collect_values() == dataset.device.spec.collect_values()
     assert not any("times as wide" in remark for remark in given.remarks)
+    assert "is not scaled by [diameter]: it must have the diameter of the muscles in the trials" in given.remarks[0]
 
 
 def test_presets_without_the_table_are_unchanged() -> None:

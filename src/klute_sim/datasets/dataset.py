@@ -125,6 +125,11 @@ def load_dataset(
     size_remarks: list[str] = []
     if device is None:
         device, size_remarks = scale_muscle(_load_device(file.device, folder), file.diameter, source)
+    elif file.diameter is not None:
+        size_remarks = [
+            f"The device '{device.name}' that replaces that of the dataset is not scaled by [diameter]: it must have "
+            "the diameter of the muscles in the trials."
+        ]
     if file.rig == "bench":
         device_files.check_is_testable(device, f"{source}: ")
     mechanism = load_dataset_mechanism(file, folder, device, source)
