@@ -95,7 +95,8 @@ ACCEPT_OPTION = click.option(
     "--accept",
     multiple=True,
     metavar="NAME",
-    help="Implausible property of the files that is right, as the error names it; may be repeated.  [default: none]",
+    help="Accept an implausible property of the files that is right: the NAME that the error prints; may be repeated.  "
+    "[default: none]",
 )
 REFERENCE_OPTION = click.option(
     "--reference",

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     multiple=True,
     metavar="FOLDER",
     type=NonEmptyPath(),
-    help="Another dataset that the device found is to predict, without any fit to it; may be repeated.",
+    help="Predict another dataset with the device that this diagnosis finds, without any fit to it; may be repeated.",
 )
 @section("Model")
 @click.option(
@@ -78,7 +78,7 @@ if TYPE_CHECKING:
 @section("Output")
 @common.out_option("diagnose", "the results")
 @click.option(
-    "--no-report", is_flag=True, help="Write only verdict.json and device.toml, without page, figures and recording."
+    "--no-report", is_flag=True, help="Write verdict and device files only, without page, figures and recording."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the verdict as one JSON object instead of text.")
 def command(
@@ -101,13 +101,13 @@ def command(
     """Identify the effects that measured data show and the device model lacks, and add them to the device.
 
     FOLDER contains dataset.toml and the files of its trials: CSV, Parquet or MATLAB (docs/datasets.md). The verdict is
-    one of: nothing-missing, identified, identified-in-part (the effects hold on conditions left out, but something
-    remains), indistinguishable (several sets of effects explain the data), unexplained (no known effect explains the
-    data), insufficient-data. Numbers of the device that may be wrong compete with the effects. The exit code is 0 for
-    every verdict; 2 means that the input was not valid.
+    one of: nothing-missing, identified, identified-in-part (the effects are found, but something remains),
+    indistinguishable (several sets of effects explain the data), unexplained (no known effect explains the data),
+    insufficient-data. Numbers of the device that may be wrong compete with the effects. The exit code is 0 for every
+    verdict; 2 means that the input was not valid.
 
-    Writes verdict.json, device.toml (the device with the identified effects), index.html, figures, with --predict
-    predictions.json and, with the optional extra 'rerun', a recording.
+    Writes verdict.json, device.toml (the recommended device), index.html, figures, with --predict predictions.json
+    and, with the optional extra 'rerun', a recording.
 
     \b
     Examples:

@@ -260,9 +260,12 @@ def _build_noise_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
 
 def _build_split_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     groups = {trial.name: trial.group for trial in diagnosis.dataset.trials}
+    validation = "effects are selected by them; never fitted"
+    if diagnosis.prediction is not None:
+        validation = "effects are selected by them; fitted as well, because predictions of left-out data decide"
     uses = (
         ("fit", "parameters are fitted to them", diagnosis.split.fit),
-        ("validation", "effects are selected by them; never fitted", diagnosis.split.validation),
+        ("validation", validation, diagnosis.split.validation),
         ("test", "they confirm the result or demote it; nothing is chosen with them", diagnosis.split.test),
     )
     return [
