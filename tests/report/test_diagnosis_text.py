@@ -140,7 +140,7 @@ def test_effects_that_explain_all_leave_no_rest(diagnosis: Diagnosis) -> None:
         for verdict in verdicts:
             prediction = SimpleNamespace(share=share)
             sentence = words.describe_verdict(replace(diagnosis, verdict=verdict, prediction=prediction))
-            assert f"; this takes {end} squared error" in sentence
+            assert f"; this explains {end} squared error" in sentence
             assert ("the rest is unexplained" in sentence) == (share < 0.99)
 
 

@@ -129,8 +129,9 @@ def select_decisive_term(
     named_fit = decisive.named_fit
     share = (base_fit.chi2 - named_fit.chi2) / (base_fit.chi2 - term_fit.chi2)
     reason += (
-        f". {_list_names(base_fit, named_fit)} takes {100.0 * share:.0f} % of what the term explains, from elsewhere: "
-        "either this is missing in another form, or the missing effect is not in the catalogue and resembles it."
+        f". {_list_names(base_fit, named_fit)} explains {100.0 * share:.0f} % of what the term explains, from "
+        "elsewhere: either this is missing in another form, or the missing effect is not in the catalogue and "
+        "resembles it."
     )
     data_driven_model = EquivalentModel(term_fit, compute_bic_difference(search, term_fit, named_fit))
     return FinalModel(

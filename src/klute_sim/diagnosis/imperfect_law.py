@@ -136,12 +136,12 @@ def decide_verdict(
     stability = ", ".join(f"{term} in {100 * value:.0f} %" for term, value in result.stability.items())
     reasons = [
         law,
-        f"{names} {'take' if len(chosen.terms) > 1 else 'takes'} {100 * result.share:.0f} % of the squared error of "
-        f"prediction that noise does not explain; chosen again without one {kind}: {stability}.",
+        f"{names} {'explain' if len(chosen.terms) > 1 else 'explains'} {100 * result.share:.0f} % of the squared error "
+        f"of prediction above the noise; chosen again without one {kind}: {stability}.",
     ]
     if result.share < MIN_SHARE:
         reasons.append(
-            f"A share of {100 * result.share:.0f} % is not worth a name, which takes {100 * MIN_SHARE:.0f} % or more."
+            f"A share of {100 * result.share:.0f} % is not enough for a name; {100 * MIN_SHARE:.0f} % are required."
         )
         return ImperfectLawDecision(unexplained, reasons)
     if result.has_substitutes:

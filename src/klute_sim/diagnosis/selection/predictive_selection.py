@@ -155,7 +155,7 @@ class PredictiveSelection:
         """
         base = self.assess(base_fit)
         is_predicted = np.isfinite(base.errors)
-        if is_predicted.all() or not is_predicted.any():
+        if is_predicted.all() or np.count_nonzero(is_predicted) < 2:  # intervals need two folds
             return base
         self.folds = [fold for fold, is_kept in zip(self.folds, is_predicted, strict=True) if is_kept]
         return self.assess(base_fit)

@@ -162,8 +162,8 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict in ("identified-in-part", "indistinguishable") and diagnosis.prediction is not None:
         percents = round(100.0 * diagnosis.prediction.share)
         amount = f"{percents} %" if percents < 100 else "practically all"
-        rest = ", and the rest is unexplained" if percents < 100 else ""
-        sentence += f"; this takes {amount} of the squared error of prediction that noise does not explain{rest}"
+        rest = "; the rest is unexplained" if percents < 100 else ""
+        sentence += f"; this explains {amount} of the squared error of prediction above the noise{rest}"
     if diagnosis.verdict == "indistinguishable":
         sentence += _describe_alternatives(diagnosis)
     return f"{sentence[0].upper()}{sentence[1:]}."
