@@ -329,6 +329,23 @@ def test_held_command_completes_the_names_of_a_pressure(
     assert outcome is (held if is_held else linear)
 
 
+@pytest.mark.parametrize(("rms_without_names", "is_held"), [(0.1e5, True), (0.0, False)])
+def test_names_that_disturb_a_pressure_do_not_make_commands_held(
+    rms_without_names: float, is_held: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For a mass that the device lacked, a delay of the supply was a proxy: only held commands with a late gauge then
+    agreed with pressures that linear commands explain without any name."""
+    linear = make_outcome("clock_skew pressure_delay", verdict="unexplained", is_imperfect=True)
+    held = make_outcome("clock_skew pressure_delay", verdict="identified-in-part", bic=9.0, is_imperfect=True)
+    for outcome, without_names, with_names in ((linear, rms_without_names, 0.05e5), (held, 0.1e5, 0.0)):
+        outcome.base_fit.x, outcome.selected.final_fit.x = without_names, with_names
+        outcome.data.experiments, outcome.data.noise = [], {"pressure": Noise(2.0, ())}
+        outcome.data.compute_residuals = lambda hypothesis, points: points
+    replace_computations(monkeypatch, chi2=2.0)
+    outcome, _ = select_course(linear, held)
+    assert outcome is (held if is_held else linear)
+
+
 @pytest.mark.parametrize(
     ("linear_rms", "named_rms", "held_rms", "is_held"),
     [

@@ -224,7 +224,12 @@ def _is_less_left_by_course(linear: Outcome, held: Outcome) -> bool:
 
 
 def _is_pressure_explained_by_names(linear: Outcome, held: Outcome) -> bool:
-    """Return whether the names explain the measured pressures with held commands, and not with linear ones."""
+    """Return whether the names explain the measured pressures with held commands, and not with linear ones.
+
+    Linear commands must leave a misfit without names, too: proxies for another effect may disturb the pressures.
+    """
+    if not _has_misfit(_copy_weights(linear.data, held.data), linear.base_fit):
+        return False
     return _has_misfit(linear.data, linear.selected.final_fit) and not _has_misfit(held.data, held.selected.final_fit)
 
 
