@@ -13,7 +13,6 @@ from benchmarks.hidden_effects.device import add_effects, build_neutral_law, loa
 from benchmarks.hidden_effects.generate import COLUMN_DECIMALS, COLUMN_UNITS, format_table, record_trial
 from benchmarks.hidden_effects.imperfect import SEEN_SPECIMENS, add_law_error
 from benchmarks.hidden_effects.inputs import SAMPLE_INTERVAL, InputProgram
-from benchmarks.hidden_effects.plan import FORCE_RANGE_N
 from benchmarks.hidden_effects.set_up import list_numbers
 from benchmarks.hidden_effects.simulate import Hidden, Noise, draw_wander, simulate_measurements
 from benchmarks.hidden_effects.truth import TRACE_STEP
@@ -48,7 +47,7 @@ def make_follow_up(folder: Path, truth: dict[str, Any], requested: dict[str, Any
         wander = draw_wander(rng, round(program.duration / AIR_STEP) + 1, noise.wander)
         signals = simulate_measurements(program, neutral, hidden, wander)
         if law_error is not None:
-            signals = add_law_error(signals, program, law_error, SEEN_SPECIMENS[0], FORCE_RANGE_N)
+            signals = add_law_error(signals, program, law_error, SEEN_SPECIMENS[0])
         table = record_trial(rng, program, signals, noise, channels, faults)
         name = f"{FOLLOW_UP_GROUP}_{repeat}.csv"
         (target_folder / name).write_text(format_table(table), "utf-8")

@@ -22,13 +22,12 @@ from benchmarks.hidden_effects.adversary.dataset import make_dataset as make_adv
 from benchmarks.hidden_effects.air import AIR_STEP
 from benchmarks.hidden_effects.catalogue import BENCH_CHANNELS, RELATIVE_UNCERTAINTIES
 from benchmarks.hidden_effects.device import PRESET_FILE, add_effects, build_neutral_law, load_device
-from benchmarks.hidden_effects.imperfect import add_law_error, assign_specimens
+from benchmarks.hidden_effects.imperfect import add_law_error, assign_specimens, scale_law_error
 from benchmarks.hidden_effects.inputs import InputProgram, generate_programs, hold_still
 from benchmarks.hidden_effects.plan import (
     ADVERSARY_BLOCK,
     BLOCK_SIZES,
     DEFECTS,
-    FORCE_RANGE_N,
     GAIT_BLOCKS,
     JOINT_BLOCKS,
     plan_datasets,
@@ -106,11 +105,11 @@ def make_dataset(
     """Write the dataset ``folder`` and its ground truth; return the ground truth.
 
     Device, inputs and noise depend on ``seed`` only, so the same seed with another effect is the same bench. Effects
-    with a ``wanted`` size are scaled to it. ``deleted`` effects are removed from the catalogue of the diagnosis.
-    ``known`` effects are in the device file. With ``law_error`` (:mod:`imperfect`) the law of the program is imperfect
-    and specimens differ. ``numbers`` of the device file are wrong, and ``logging`` changes the log (:mod:`set_up`).
-    ``muscle_length`` selects that channel; by default it is recorded in a
-    third of the datasets and where a fault requires it. ``truth`` defaults to ``<folder>.truth.json``.
+    with a ``wanted`` size over the noise are scaled to it. ``deleted`` effects are removed from the catalogue of the
+    diagnosis. ``known`` effects are in the device file. With ``law_error`` (:mod:`imperfect`) the law of the program is
+    imperfect, specimens differ, and a ``wanted`` size is one over this error. ``numbers`` of the device file are wrong,
+    and ``logging`` changes the log (:mod:`set_up`). ``muscle_length`` selects that channel; by default it is recorded
+    in a third of the datasets and where a fault requires it. ``truth`` defaults to ``<folder>.truth.json``.
     """
     if defect is not None and defect not in DEFECTS:
         raise ValueError(f"defect {defect!r} is none of {', '.join(DEFECTS)}")
@@ -127,6 +126,11 @@ def make_dataset(
         programs = [hold_still(program) for program in programs]
 
     neutral = add_effects(*build_neutral_law(base), known)
+    if law_error is not None:
+        clean = [simulate_measurements(program, neutral, Hidden()) for program in programs]
+        law_error = scale_law_error(law_error, programs, clean)
+        multiple = law_error["rms_n"] / BENCH_CHANNELS["force"].noise
+        effects = [{**e, "wanted": multiple * e["wanted"]} if "wanted" in e else e for e in effects]
     hidden = Hidden(effects, instruments, strangers)
     size = 0.0
     if wrong_numbers or any("wanted" in effect for group in hidden for effect in group):
@@ -143,7 +147,7 @@ def make_dataset(
             wander = draw_wander(bench.noise_rng, round(program.duration / AIR_STEP) + 1, noise.wander)
             signals = simulate_measurements(program, neutral, hidden, wander)
             if law_error is not None:
-                signals = add_law_error(signals, program, law_error, specimens[program.name], FORCE_RANGE_N)
+                signals = add_law_error(signals, program, law_error, specimens[program.name])
             displayed = {name: quantise(name, values, hidden.instruments) for name, values in signals.items()}
             if repeat == "a" and any(hidden):
                 reference = simulate_measurements(program, neutral, Hidden(), wander)
@@ -172,7 +176,7 @@ def make_dataset(
         "defect": defect,
         **({"numbers": list(numbers)} if numbers else {}),
         **({"logging": dict(logging)} if logging is not None else {}),
-        **({"law_error": dict(law_error)} if law_error is not None else {}),
+        **({"law_error": law_error} if law_error is not None else {}),
         "base": {key: base[key] for key in RELATIVE_UNCERTAINTIES},
         "nominal": {key: device[key] for key in RELATIVE_UNCERTAINTIES},
         "size": size,

@@ -67,12 +67,17 @@ def compute_true_map(truth: Mapping[str, Any], channels: Sequence[str]) -> dict[
     programs = [program for program in bench.programs if program.use == "fit"]
     max_speed = max(float(np.abs(np.gradient(program.length, TRACE_STEP)).max()) for program in programs)
     labels = np.concatenate([label_program(program, max_speed) for program in programs])
+    rounding = {  # the simulation of the instruments does not round: variance over that of the noise
+        fault["channel"]: (fault["parameters"]["step"] / getattr(noise, fault["channel"])) ** 2 / 12.0
+        for fault in truth["instruments"]
+        if fault["name"] == "quantisation"
+    }
     cells = {}
     for region in np.unique(labels):
         samples = labels == region
         if samples.mean() >= MIN_CELL_FRACTION:
             for channel, row in zip(channels, residual, strict=True):
-                cells[channel, str(region)] = float(np.sqrt(np.mean(row[samples] ** 2)))
+                cells[channel, str(region)] = float(np.sqrt(np.mean(row[samples] ** 2) + rounding.get(channel, 0.0)))
     return cells
 
 

@@ -82,10 +82,13 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
     catalogued = _select_catalogued(rows)
     scored = [row for row in rows if row.truth["block"] not in UNSCORED_BLOCKS]
     parameter_intervals = list(iter_parameter_intervals(row for row in rows if row.truth["block"] != "imperfect"))
-    gaps = [fraction for row in rows if row.outcome == "right" and (fraction := removed_gap_fraction(row)) is not None]
+    identified = [
+        row for row in _select_hidden(rows) if row.outcome == "right" and row.verdict["verdict"] in NAMING_VERDICTS
+    ]
+    gaps = [fraction for row in identified if (fraction := removed_gap_fraction(row)) is not None]
     other_gaps = [fraction for row in rows_of("wrong_form") if (fraction := removed_gap_fraction(row)) is not None]
     errors = [interval.relative_error for interval in parameter_intervals]
-    times = [row.verdict["cpu_s"] for row in rows]
+    times = [row.verdict["cpu_s"] for row in (*rows, *adversary_rows)]
     return [
         _fraction_metric("first name right, effect at least as large as the noise", single, _is_first_right, 0.95),
         _fraction_metric("exact set, singles at least as large as the noise", single, _is_right, 0.90),

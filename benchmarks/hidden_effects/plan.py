@@ -1,5 +1,6 @@
 """Specification of the datasets of each block."""
 
+import random
 from typing import Any
 
 import numpy as np
@@ -76,8 +77,6 @@ STRONG_EFFECTS = (
     ("pressure_lag", "first_order"),
 )
 """Effects that block ``imperfect`` hides: they can be several times as large as the error of a law."""
-FORCE_RANGE_N = 900.0
-"""Range of the force in the programs [N], which the error of the law in block ``imperfect`` is a fraction of."""
 GAIT_BLOCKS = ("walk", "walk_clean", "walk_registration")
 """Blocks of the gait rig."""
 JOINT_BLOCKS = ("joint", "joint_clean", "joint_pair", "joint_outside", "joint_imperfect")
@@ -187,6 +186,17 @@ def make_spec(*effects: dict[str, Any]) -> DatasetSpec:
     return spec | {"known": [KNOWN_VALVE]} if names & VALVE_EFFECTS and "choked_valve" not in names else spec
 
 
+def sample_datasets(block: str, count: int | None, seed: int) -> list[DatasetSpec]:
+    """Return the specifications of ``count`` datasets of ``block`` (None: all of it) in a random order.
+
+    The order depends on ``seed``. The datasets of a block are ordered by effect and size, so only a random beginning
+    is a sample of it.
+    """
+    plan = plan_datasets(block, max(BLOCK_SIZES[block], count or 0), seed)
+    random.Random(f"{seed} {block}").shuffle(plan)
+    return plan[:count]
+
+
 def plan_datasets(block: str, count: int, seed: int, *, typical: bool = False) -> list[DatasetSpec]:
     """Return the specifications of ``count`` datasets: arguments of ``generate.make_dataset``, and a name.
 
@@ -270,14 +280,16 @@ def _block_content(block: str, index: int, rng: np.random.Generator | None) -> D
                 return {"law_error": error}
             name = STRONG_EFFECTS[(2 * turn + index % 3) % len(STRONG_EFFECTS)]
             multiple = 4.0 if rng is None else float(np.exp(rng.uniform(np.log(2.0), np.log(8.0))))
-            wanted = multiple * error["fraction"] * FORCE_RANGE_N / BENCH_CHANNELS["force"].noise
-            return {**make_spec(draw_effect(EFFECTS, name, rng, wanted)), "law_error": error}
+            return {**make_spec(draw_effect(EFFECTS, name, rng, multiple)), "law_error": error}
         case "outside":
             return _draw_outside(index, rng, 8.0)
         case "faint_outside":
-            return _draw_outside(index, rng, (2.0, 0.7)[index % 2])
+            return _draw_outside(index, rng, (2.0, 0.7)[(index // 6 + index) % 2])
         case "wrong_number":
-            return {"numbers": [draw_number_error(index, rng, load_device())]}
+            error = draw_number_error(index, rng, load_device())
+            # Only behind a valve does the temperature of the gas have an influence.
+            known = {"known": [KNOWN_VALVE]} if error["number"] == "supply.gas_temperature_c" else {}
+            return {"numbers": [error], **known}
         case "known_valve":
             turn, position = divmod(index, 3)
             if position == 2:

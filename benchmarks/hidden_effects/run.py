@@ -4,11 +4,12 @@
     python -m benchmarks.hidden_effects.run OUT --block single --count 31        # a part
 
 Missing datasets are generated, every result is saved immediately, and results of the current code are reused, so the
-run can be interrupted and restarted. Blocks advance together, so an interrupted run is a sample of all of them, which
-``--finished`` scores. ``--shard 2/4`` processes the second quarter of every block, for several machines
-that share OUT. Thresholds are set on the development split; the test split is for published numbers. The ground truth
-is read only after the verdict is saved. The direct measurements that an `indistinguishable` verdict lists are made as a
-follow-up, which takes a laboratory minutes; without any, the decisive experiment that it proposes is performed.
+run can be interrupted and restarted. Blocks advance together, each in a random order, so an interrupted run is a sample
+of all of them, which ``--finished`` scores. ``--shard 2/4`` processes the second quarter of every block, for several
+machines that share OUT. Thresholds are set on the development split; the test split is for published numbers. The
+ground truth is read only after the verdict is saved. The direct measurements that an `indistinguishable` verdict lists
+are made as a follow-up, which takes a laboratory minutes; without any, the decisive experiment that it proposes is
+performed.
 ``--finished`` scores stored results of any code and diagnoses nothing; OUT can be an unpacked archive of ``results/``.
 ``--baselines`` adds other methods (:mod:`baselines`), which require ``pip install --group benchmark`` and test benches.
 """
@@ -42,7 +43,7 @@ from benchmarks.hidden_effects.plan import (
     JOINT_BLOCKS,
     SPLIT_SEEDS,
     DatasetSpec,
-    plan_datasets,
+    sample_datasets,
 )
 from benchmarks.hidden_effects.report import print_report
 from benchmarks.hidden_effects.score import score_follow_up, score_verdict
@@ -51,6 +52,8 @@ from rich.progress import track
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
+CODE_SUFFIXES = {".py", ".toml", ".json"}
+"""Suffixes of the files that determine a verdict: code, protocols and presets, calibrations."""
 DIGEST_LENGTH = 12
 """Hexadecimal digits of the digest of the code in the name of a result."""
 Verdict = dict[str, Any]
@@ -70,15 +73,15 @@ FOLLOW_UP_MAKERS: Mapping[str, Callable[..., None]] = {
 def compute_code_digest(rig: str = "bench") -> str:
     """Return the digest of all code that determines a verdict on ``rig`` (``bench``, ``gait`` or ``joint``)."""
     package = ROOT / "src" / "klute_sim"
-    parts = ("files", "laws", "effects", "device", "datasets", "bench", "plant", "diagnosis")
-    parts += {"bench": (), "gait": ("gait/replay",), "joint": ("mechanism",)}[rig]
-    files = sorted(file for part in parts for file in (package / part).rglob("*.py"))
-    files += [package / module for module in ("constants.py", "parameters.py", "units.py")]
+    parts = ("files", "laws", "effects", "device", "datasets", "bench", "plant", "plausibility", "diagnosis")
+    parts += {"bench": (), "gait": ("gait",), "joint": ("mechanism",)}[rig]
+    files = [file for part in parts for file in (package / part).rglob("*") if file.suffix in CODE_SUFFIXES]
+    files += [package / module for module in ("constants.py", "parameters.py", "types.py", "units.py")]
+    files = sorted(files)
     if rig == "joint":
         files.append(ROOT / "models" / "antagonist_joint.xml")
     if rig == "gait":
-        gait = package / "gait"
-        files += [gait / "rig" / "build.py", gait / "body.py", ROOT / "models" / "ankle.xml"]
+        files.append(ROOT / "models" / "ankle.xml")
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:DIGEST_LENGTH]
 
 
@@ -222,12 +225,12 @@ class BenchmarkRun:
         excluded: tuple[str, ...],
     ) -> Callable[[], Verdict] | None:
         """Return what makes and diagnoses the decisive measurement that ``verdict`` proposes; None without any."""
-        if verdict["verdict"] != "indistinguishable":
+        if verdict["verdict"] != "indistinguishable" or spec["block"] == ADVERSARY_BLOCK:  # of other laws
             return None
         refuted = list_refuted_names(truth, verdict)
         if refuted:
             return partial(run_diagnosis, dataset, (*excluded, *refuted), self._n_jobs)
-        can_run_protocols = spec["block"] != ADVERSARY_BLOCK and rig in FOLLOW_UP_MAKERS
+        can_run_protocols = rig in FOLLOW_UP_MAKERS
         proposal = verdict["next_experiment"]
         is_proposed = proposal is not None and proposal["protocol"] is not None
         if can_run_protocols and is_proposed and proposal["separation_chi2"] >= MIN_DECISIVE_CHI2:
@@ -295,13 +298,14 @@ def get_page_order(row: DatasetResult) -> tuple[int, str]:
 def plan_run(blocks: Sequence[str], count: int | None, seed: int, shard: str = "1/1") -> list[DatasetSpec]:
     """Return the datasets of ``shard`` of all ``blocks``, such that at any point the same share of each block is done.
 
-    ``count`` is the number of datasets of every block; None stands for :data:`BLOCK_SIZES`.
+    Each block is in a random order, so that this share is a sample of it. ``count`` is the number of datasets of every
+    block; None stands for :data:`BLOCK_SIZES`.
     """
     part, parts = parse_shard(shard)
     planned = []
     for block in blocks:
         size = BLOCK_SIZES[block] if count is None else count
-        planned += [((i + 0.5) / size, spec) for i, spec in enumerate(plan_datasets(block, size, seed))][
+        planned += [((i + 0.5) / size, spec) for i, spec in enumerate(sample_datasets(block, count, seed))][
             part - 1 :: parts
         ]
     return [spec for _, spec in sorted(planned, key=lambda entry: entry[0])]

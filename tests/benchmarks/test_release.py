@@ -17,6 +17,7 @@ import pytest
 from benchmarks.hidden_effects.catalogue import EXACT_TWINS, RELATIVE_UNCERTAINTIES
 from benchmarks.hidden_effects.device import load_device as load_bench_device
 from benchmarks.hidden_effects.generate import draw_bench
+from benchmarks.hidden_effects.plan import sample_datasets
 from benchmarks.hidden_effects.release import freeze as release
 from benchmarks.hidden_effects.release.answers import Allowed, list_faults
 from benchmarks.hidden_effects.release.scorer import read_allowed, seal, unseal
@@ -137,14 +138,14 @@ def test_reader_that_has_seen_enough_is_no_error(frozen: tuple[Path, dict[str, A
 
 
 def test_count_is_a_random_sample_of_a_block() -> None:
-    whole = release.sample_block("single", None, 7)
-    sample = release.sample_block("single", 12, 7)
-    assert sample == release.sample_block("single", 12, 7)
+    whole = sample_datasets("single", None, 7)
+    sample = sample_datasets("single", 12, 7)
+    assert sample == sample_datasets("single", 12, 7)
     assert all(spec in whole for spec in sample)
     assert len({spec["name"] for spec in sample}) == 12
     assert len({spec["effects"][0]["name"] for spec in sample}) > 6
-    assert sample != release.sample_block("single", 12, 8)
-    assert len(release.sample_block("defective", 11, 7)) == 11
+    assert sample != sample_datasets("single", 12, 8)
+    assert len(sample_datasets("defective", 11, 7)) == 11
 
 
 HIDDEN_KEYS = ("effects", "instruments", "strangers", "numbers", "defect")
@@ -152,8 +153,8 @@ HIDDEN_KEYS = ("effects", "instruments", "strangers", "numbers", "defect")
 
 
 def test_withheld_names_do_not_tell_what_is_hidden() -> None:
-    plan = [spec for block in release.BENCH_BLOCKS for spec in release.sample_block(block, None, 7)]
-    specs = {f"d{i:04d}": spec for i, spec in enumerate(plan)}
+    planned = [spec for block in release.BENCH_BLOCKS for spec in sample_datasets(block, None, 7)]
+    specs = {f"d{i:04d}": spec for i, spec in enumerate(planned)}
     withheld = release.withhold_names(specs, 7)
     assert withheld == release.withhold_names(specs, 7) != release.withhold_names(specs, 8)
     real = {name for name, spec in specs.items() if spec.get("deleted")}

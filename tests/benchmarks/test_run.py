@@ -4,7 +4,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from benchmarks.hidden_effects.plan import BLOCK_SIZES
+from benchmarks.hidden_effects.plan import BLOCK_SIZES, TARGET_SIZES
 from benchmarks.hidden_effects.run import main, plan_run, share_refit
 from benchmarks.hidden_effects.score import score_verdict
 
@@ -17,6 +17,16 @@ def test_interrupted_run_has_the_same_share_of_every_block(done: float) -> None:
     finished = Counter(spec["block"] for spec in specs[: round(done * len(specs))])
     for block in BLOCKS:
         assert finished[block] == pytest.approx(done * BLOCK_SIZES[block], abs=1)
+
+
+def test_interrupted_run_samples_the_effects_of_a_block() -> None:
+    """The datasets of a block are ordered by effect and size: in order, one seed after another would see the first."""
+    plan = plan_run(("single",), None, seed=1)
+    beginning = plan[:30]
+    assert len({effect["name"] for spec in beginning for effect in spec["effects"]}) > 12
+    assert {effect["wanted"] for spec in beginning for effect in spec["effects"]} == set(TARGET_SIZES)
+    other = [spec["name"].rsplit("_", 1)[1] for spec in plan_run(("single",), None, seed=2)[:30]]
+    assert other != [spec["name"].rsplit("_", 1)[1] for spec in beginning]
 
 
 def test_shards_are_the_whole_run() -> None:

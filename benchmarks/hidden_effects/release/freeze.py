@@ -32,12 +32,12 @@ from benchmarks.hidden_effects.plan import (
     GAIT_BLOCKS,
     JOINT_BLOCKS,
     SPLIT_SEEDS,
-    plan_datasets,
+    sample_datasets,
 )
 from benchmarks.hidden_effects.release.answers import WITHHELD_FILE
 from benchmarks.hidden_effects.release.scorer import NAMES_FILE, OPEN_FILE, SEALED_FILE, seal
 from benchmarks.hidden_effects.run import list_excluded
-from benchmarks.hidden_effects.score import NUMBER_NAME
+from benchmarks.hidden_effects.score import NUMBER_NAME, list_hidden_effects
 from rich.progress import track
 
 import klute_sim
@@ -91,7 +91,7 @@ def _write_release(
     folder: Path, blocks: Sequence[str], count: int | None, seed: int, *, has_open_truths: bool
 ) -> dict[str, Any]:
     folder.mkdir()
-    specs = [spec for block in blocks for spec in sample_block(block, count, seed)]
+    specs = [spec for block in blocks for spec in sample_datasets(block, count, seed)]
     truths: dict[str, Any] = {}
     order = sorted(specs, key=lambda spec: hashlib.sha256(spec["name"].encode()).hexdigest())  # names tell no block
     named = {f"d{index:04d}": spec for index, spec in enumerate(order)}
@@ -100,7 +100,7 @@ def _write_release(
             arguments = {key: value for key, value in spec.items() if key != "name"}
             truth = make_dataset(Path(scratch) / name, **arguments, truth=Path(scratch) / "truth.json")
             write_parquet_dataset(Path(scratch) / name, folder / "datasets" / name)
-        truths[name] = {**truth, "near_twins": list_exact_twins()}
+        truths[name] = {**truth, "near_twins": list_exact_twins(truth)}
     (folder / SEALED_FILE).write_text(seal(truths), "ascii")
     if has_open_truths:
         (folder / OPEN_FILE).write_text(json.dumps(truths, indent=1) + "\n", "utf-8")
@@ -125,25 +125,17 @@ def _write_release(
     return truths
 
 
-def list_exact_twins() -> list[list[str]]:
-    """Return the pairs of exact twins; a wrong number is one for each number that equals the effect."""
+def list_exact_twins(truth: Mapping[str, Any]) -> list[list[str]]:
+    """Return the pairs of each hidden effect of ``truth`` and its exact twin; one for each number that equals it.
+
+    A twin has a form that contains the effect; the effect need not contain a form of its twin.
+    """
     return [
         [name, f"{twin}@{number}" if number else twin]
-        for name, twins in EXACT_TWINS.items()
-        for twin in twins
+        for name in list_hidden_effects(truth)
+        for twin in EXACT_TWINS.get(name, ())
         for number in (TWIN_NUMBERS[name] if twin == NUMBER_NAME else (None,))
     ]
-
-
-def sample_block(block: str, count: int | None, seed: int) -> list[dict[str, Any]]:
-    """Return the specifications of ``count`` datasets of ``block``, at random so that a small release has many effects.
-
-    The whole block, or a longer plan than it, is in order.
-    """
-    plan = plan_datasets(block, max(BLOCK_SIZES[block], count or 0), seed)
-    if count is None or count >= len(plan):
-        return plan
-    return [plan[i] for i in sorted(random.Random(f"{seed} {block}").sample(range(len(plan)), count))]
 
 
 def withhold_names(specs: Mapping[str, Mapping[str, Any]], seed: int) -> dict[str, list[str]]:
