@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from klute_sim.datasets import dataset as datasets
-from klute_sim.datasets.trial import TimeSeries
+from klute_sim.datasets.trial import SensorLimits, TimeSeries
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -57,6 +57,34 @@ def test_samples_in_a_gap_of_another_repeat_are_not_compared() -> None:
     interval = series.sampling_interval
     assert not np.any((aligned.time > 1.0 + interval) & (aligned.time < 1.5 - interval))
     assert len(aligned.time) == pytest.approx(is_retained.sum(), abs=2)
+
+
+def test_short_repeat_does_not_discard_the_others() -> None:
+    """Its cable came off after ten samples; the others still show the noise."""
+    values = np.random.default_rng(6).normal(0.0, 3.0, (3, 1000))
+    experiments = make_repeats(list(values))
+    series = experiments[2].measured["force"]
+    experiments[2] = replace(experiments[2], measured={"force": TimeSeries(series.time[:10], series.value[:10])})
+    residuals = [{"force": e.measured["force"].value} for e in experiments]
+    (aligned,) = noises.align_repeats(experiments, residuals, "force")
+    assert aligned.trials == ("g0", "g1")
+    assert noises.estimate_noise_from_repeats(experiments, residuals)["force"].std == pytest.approx(3.0, rel=0.1)
+    assert list(noises.align_repeats(experiments[1:], residuals[1:], "force")) == []
+    assert list(noises.align_repeats(experiments, residuals, "force", min_repeats=3)) == []
+
+
+def test_slack_repeats_are_not_free_of_noise() -> None:
+    """All but five of their samples are at the limit of the load cell, where every residual is 0."""
+    limits = {"force": SensorLimits(0.0, np.inf)}
+    rng = np.random.default_rng(8)
+    pulling, slack = rng.normal(0.0, 1.0, (2, 1000)), np.zeros((2, 1000))
+    slack[:, :5] = rng.normal(0.0, 1.0, (2, 5))
+    experiments = [
+        replace(e, limits=limits) for e in (*make_repeats(list(pulling)), *make_repeats(list(slack), "slack"))
+    ]
+    residuals = [{"force": row} for row in (*pulling, *slack)]
+    assert noises.estimate_noise_from_repeats(experiments, residuals)["force"].std == pytest.approx(1.0, rel=0.1)
+    assert noises.find_inconsistent_repeats(experiments, residuals) == {}
 
 
 @pytest.mark.parametrize("misfit", [0.0, 1.0, 10.0])

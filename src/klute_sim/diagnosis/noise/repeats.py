@@ -132,7 +132,8 @@ def align_repeats(
     Each repeat contributes the residuals nearest to the samples of the slowest: interpolation would average neighbours,
     which takes a sixth off the variance of two repeats with any distance between their samples. ``with_input_error``
     divides them by the scale of the error that unknown inputs cause, too, which is right for a misfit and wrong for
-    noise. ``drops_agreeing`` leaves out the samples beyond a sensor's limit in which all repeats agree.
+    noise. ``drops_agreeing`` leaves out the samples beyond a sensor's limit in which all repeats agree, and a group
+    without enough others.
     """
     for group, members in group_repeats(experiments).items():
         repeats = [k for k in members if channel in experiments[k].measured and len(residuals[k][channel])]
@@ -142,10 +143,9 @@ def align_repeats(
             experiments[k].align_time(experiments[k].measured[channel].time - experiments[k].start_time)
             for k in repeats
         ]
-        clock = max(times, key=lambda t: float(np.median(np.diff(t))) if len(t) > 1 else 0.0)
-        common = clock[(clock >= max(t[0] for t in times)) & (clock <= min(t[-1] for t in times))]
-        common = common[np.all([has_sample_near(t, common) for t in times], axis=0)]
+        retained, common = _find_common_times(times, min_repeats)
         if len(common) > MIN_COMMON_SAMPLES:
+            repeats, times = [repeats[i] for i in retained], [times[i] for i in retained]
             rows = []
             for k, t in zip(repeats, times, strict=True):
                 scale = experiments[k].noise_scale.get(channel, 1.0)
@@ -156,8 +156,32 @@ def align_repeats(
                 rows.append((residuals[k][channel][nearest] / scale[nearest], scale[nearest]))
             values, scales = (np.array(part) for part in zip(*rows, strict=True))
             aligned = AlignedRepeats(group, common, values, scales, tuple(experiments[k].name for k in repeats))
-            is_censored = drops_agreeing and all(channel in experiments[k].limits for k in repeats)
-            yield _drop_agreeing_samples(aligned) if is_censored else aligned
+            if drops_agreeing and all(channel in experiments[k].limits for k in repeats):
+                aligned = _drop_agreeing_samples(aligned)
+            if len(aligned.time) > MIN_COMMON_SAMPLES:
+                yield aligned
+
+
+def _find_common_times(times: Sequence[Array], min_repeats: int) -> tuple[list[int], Array]:
+    """Return the indices of the repeats with ``times`` [s] that have samples in common, and the times of these.
+
+    A repeat that covers too little of the others, for example because its cable was off, is left out as long as at
+    least ``min_repeats`` remain.
+    """
+    retained = list(range(len(times)))
+    common = _intersect_times(times)
+    while len(common) <= MIN_COMMON_SAMPLES and len(retained) > min_repeats:
+        smaller = [[i for i in retained if i != left_out] for left_out in retained]
+        retained = max(smaller, key=lambda indices: len(_intersect_times([times[i] for i in indices])))
+        common = _intersect_times([times[i] for i in retained])
+    return retained, common
+
+
+def _intersect_times(times: Sequence[Array]) -> Array:
+    """Return the samples of the slowest of ``times`` [s] near which all the others have one."""
+    clock = max(times, key=lambda t: float(np.median(np.diff(t))) if len(t) > 1 else 0.0)
+    common = clock[(clock >= max(t[0] for t in times)) & (clock <= min(t[-1] for t in times))]
+    return np.asarray(common[np.all([has_sample_near(t, common) for t in times], axis=0)])
 
 
 def find_nearest(time: Array, target_times: Array) -> NDArray[np.intp]:
@@ -177,8 +201,6 @@ def has_sample_near(time: Array, target_times: Array) -> Mask:
 def _drop_agreeing_samples(repeats: AlignedRepeats) -> AlignedRepeats:
     """Return ``repeats`` without samples whose residuals are all 0: beyond a sensor's limit they show no noise."""
     is_informative = np.any(repeats.residuals != 0.0, axis=0)
-    if is_informative.sum() <= MIN_COMMON_SAMPLES:
-        return repeats
     return repeats._replace(
         time=repeats.time[is_informative],
         residuals=repeats.residuals[:, is_informative],
