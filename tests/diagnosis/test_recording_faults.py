@@ -164,6 +164,21 @@ def test_only_the_copied_pressure_of_a_trial_is_removed(tmp_path: Path) -> None:
     assert find_copied_pressures(load_dataset(folder).trials) == set()
 
 
+def test_coarse_gauge_equals_a_constant_command_by_right(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "constant", groups=("fit_1", "fit_2", "test_1"), seconds=1.5)
+    steady = dict.fromkeys(
+        ("pressure [bar]", "pressure_command [bar]"), lambda columns: 0.0 * columns["time [s]"] + 3.0
+    )
+    change_columns(folder / "fit_1_0.csv", steady)
+    trials = load_dataset(folder).trials
+    assert find_copied_pressures(trials) == set()
+    assert find_copied_pressures([trial for trial in trials if trial.name == "fit_1_0"]) == set()
+    copy = {"pressure [bar]": lambda columns: columns["pressure_command [bar]"]}
+    for file in folder.glob("*.csv"):
+        change_columns(file, copy)
+    assert find_copied_pressures(load_dataset(folder).trials) == {trial.name for trial in trials}
+
+
 def test_vented_gauge_is_no_copy(tmp_path: Path) -> None:
     folder = write_dataset(tmp_path / "vented", groups=("fit_1", "test_1"), seconds=1.5)
     zeros = dict.fromkeys(("pressure [bar]", "pressure_command [bar]"), lambda columns: 0.0 * columns["time [s]"])

@@ -20,6 +20,8 @@ COMMAND_TOLERANCE = 1e-4
 (assumed: no gauge and no regulator agree with a command as closely, digits of a file do)."""
 MIN_EQUAL_FRACTION = 0.99
 """Fraction of the samples of a pressure that equal the command where it is a copy; steps may fall between samples."""
+MIN_COMMAND_CHANGE = 0.05
+"""Smallest relative change of a command that a coarse gauge cannot follow to the digit (assumed)."""
 MIN_COMMAND = 0.5e5
 """Largest command [Pa] below which a vented gauge equals its command by right (assumed)."""
 ATMOSPHERE_TOLERANCE = 0.15
@@ -56,8 +58,19 @@ def describe_uncompared_channels(trials: Sequence[Trial], experiments: Sequence[
 
 
 def find_copied_pressures(trials: Sequence[Trial]) -> set[str]:
-    """Return the names of the trials whose measured pressure is the command."""
-    return {trial.name for trial in trials if _is_pressure_copied(trial)}
+    """Return the names of the trials whose measured pressure is the command.
+
+    A coarse gauge may equal a constant command by right, so such a trial counts only if those that vary the command are
+    all copies.
+    """
+    copied = {trial.name for trial in trials if _is_pressure_copied(trial)}
+    varying = {trial.name for trial in trials if "pressure" in trial.measured and _varies_command(trial)}
+    return copied if varying and varying <= copied else copied & varying
+
+
+def _varies_command(trial: Trial) -> bool:
+    command = trial.prescribed["pressure_command"].value
+    return bool(np.ptp(command) > MIN_COMMAND_CHANGE * np.abs(command).max())
 
 
 def _is_pressure_copied(trial: Trial) -> bool:
@@ -102,7 +115,7 @@ def limit_buckled_forces(
     cell reads only noise then, which other effects imitate. ``residuals`` are those of the declared device,
     ``noise_std`` [N] is from the repeats.
     """
-    known = [(e, row["force"]) for e, row in zip(examined, residuals, strict=True) if "force" in row]
+    known = [(e, row["force"]) for e, row in zip(examined, residuals, strict=True) if "force" in e.measured]
     if not known or any("force" in e.limits for e in experiments):
         return list(experiments), ""
     limit = MAX_BUCKLED_FORCE * noise_std
