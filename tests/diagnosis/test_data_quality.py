@@ -1,6 +1,6 @@
 """Data quality: insufficient data, dead and saturated channels."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +52,21 @@ def test_insufficient_data_are_reported_with_the_fix() -> None:
     assert (
         len(data_quality.find_limitations([make_experiment("a", np.zeros(20), moving=False)])) == 3
     )  # constant pressure, constant length, no repeats
+
+
+def test_unknown_length_does_not_block() -> None:
+    """The joint of a mechanism may move although nothing measures it."""
+
+    class UnmeasuredExperiment(BenchExperiment):
+        length_range = None
+
+    rng = np.random.default_rng(0)
+    still = make_experiment("a", rng.normal(size=200), moving=False)
+    unknown = UnmeasuredExperiment(**{f.name: getattr(still, f.name) for f in fields(still)})
+    assert "does not move" in data_quality.find_blocking_problems([still] * 8)[0]
+    assert data_quality.find_blocking_problems([unknown] * 8) == []
+    assert not any("The length changes" in sentence for sentence in data_quality.find_limitations([unknown] * 8))
+    assert data_quality.find_moving_trials([unknown]) == []
 
 
 def test_repeats_with_few_common_samples_are_none() -> None:
@@ -135,6 +150,10 @@ def test_dead_and_saturated_channels_are_detected() -> None:
         {},
         [],
     )
+    # A coarse gauge between two levels is not saturated at either.
+    levels = np.repeat([1.0, 3.0, 1.0, 3.0], 50)
+    levels[49:53] = 1.5, 2.0, 2.5, 2.9
+    assert data_quality.find_faulty_channels([make_experiment("a", levels)]) == ({}, [])
     force = rng.normal(0.0, 3.0, 5000)  # 12 of 5000 samples are saturated
     ceiling = np.sort(force)[-12]
     assert (

@@ -126,7 +126,12 @@ def test_experiment_offers_what_every_rig_offers(tmp_path: Path) -> None:
     (experiment,), hypothesis = prepare(tmp_path, measured=("angle_joint", "force_flexor"), **SHORT)
     assert isinstance(experiment, MechanismExperiment)
     assert experiment.informative_channels == ("angle_joint", "force_flexor")
+    assert experiment.length_range is not None
     assert experiment.length_range > 1e-3
+    still = {**experiment.inputs, "pressure_command_flexor": np.full_like(experiment.command, 2e5)}
+    extensor_only = replace(experiment, inputs=still, command=still["pressure_command_flexor"], unit_length=None)
+    assert extensor_only.pressure_range == np.ptp(experiment.inputs["pressure_command_extensor"]) > 0.0
+    assert extensor_only.length_range is None
     assert experiment.coarse_variant.dt == 2.0 * experiment.dt
     assert set(experiment.compute_covariates()) == {"pressure", "pressure change", "time", "length", "speed"}
     assert "pressure command extensor" in experiment.prescribed_input.label

@@ -65,7 +65,7 @@ class CleanData(NamedTuple):
     experiments: list[Experiment]
     """All experiments, with their usable channels only."""
     examined: list[Experiment]
-    """Experiments that were compared with their repeats, with the channels that contradict these."""
+    """Experiments that were compared with their repeats, without the channels that contradict these."""
     residuals: Residuals
     """Residuals of the nominal device in the examined experiments."""
     remarks: list[str]
@@ -130,6 +130,7 @@ def clean_data(
     contradicted, problems = find_contradicted_channels(examined, residuals)
     usable = remove_channels(usable, contradicted)
     remarks += dict.fromkeys(contradicted.values())
+    examined = remove_channels(examined, contradicted)  # what contradicts its repeats would count as noise
     noise = estimate_noise_from_repeats(examined, residuals)
     if "force" in noise:
         usable, buckling = limit_buckled_forces(usable, examined, residuals, noise["force"].std)
@@ -182,9 +183,8 @@ def find_blocking_problems(experiments: Sequence[Experiment], *, judges_supply: 
             f"The trials to fit last {time:.1f} s in total. Record at least {MIN_TOTAL_TIME:g} s, better 20 s, with "
             "varying pressure and length."
         )
-    pressure_range = _compute_pressure_range(experiments)
-    length_range = max(e.length_range for e in experiments)
-    if pressure_range < MIN_PRESSURE_RANGE and length_range < MIN_LENGTH_RANGE:
+    pressure_range, length_range = _compute_pressure_range(experiments), _compute_length_range(experiments)
+    if pressure_range < MIN_PRESSURE_RANGE and length_range is not None and length_range < MIN_LENGTH_RANGE:
         problems.append(
             f"The device does not move: within a trial, pressure changes by {pressure_range / 1e5:.2f} bar and length "
             f"by {1e3 * length_range:.2f} mm. Step the pressure and move the crosshead in both directions, at several "
@@ -198,10 +198,17 @@ def _compute_pressure_range(experiments: Sequence[Experiment]) -> float:
 
     A filling begins with a vented muscle under a constant command.
     """
-    ranges = [float(np.ptp(e.command)) for e in experiments]
+    ranges = [e.pressure_range for e in experiments]
     if is_supply_only(experiments):
         ranges += [float(np.ptp(e.measured["pressure"].value)) for e in experiments]
     return max(ranges)
+
+
+def _compute_length_range(experiments: Sequence[Experiment]) -> float | None:
+    """Return the largest range of the length within a trial [m]; None if it is unknown in one of them."""
+    ranges = [e.length_range for e in experiments]
+    known = [value for value in ranges if value is not None]
+    return max(known) if len(known) == len(ranges) else None
 
 
 def is_supply_only(experiments: Sequence[Experiment]) -> bool:
@@ -284,20 +291,19 @@ def _find_copies(experiments: Sequence[Experiment], channel: str) -> dict[tuple[
 
 def find_moving_trials(experiments: Sequence[Experiment]) -> list[str]:
     """Return the names of the trials in which the length changes enough to show effects of motion."""
-    return [e.name for e in experiments if e.length_range >= MIN_LENGTH_RANGE]
+    return [e.name for e in experiments if (e.length_range or 0.0) >= MIN_LENGTH_RANGE]
 
 
 def find_limitations(experiments: Sequence[Experiment], others: Sequence[Experiment] = ()) -> list[str]:
     """Return sentences about effects that ``experiments``, which are fitted, cannot show beside the ``others``."""
-    pressure_range = _compute_pressure_range(experiments)
-    length_range = max(e.length_range for e in experiments)
+    pressure_range, length_range = _compute_pressure_range(experiments), _compute_length_range(experiments)
     limitations = []
     if is_supply_only(experiments):
         limitations.append(
             "Only the pressure was measured: the supply is judged; muscle, damper and tendon are not. Record the force "
             "to judge them."
         )
-    if length_range < MIN_LENGTH_RANGE:
+    if length_range is not None and length_range < MIN_LENGTH_RANGE:
         limitations.append(
             f"The length changes by at most {1e3 * length_range:.2f} mm within a fitted trial: effects that depend on "
             f"speed are hardly visible.{_describe_moving_trials(others)}"
@@ -346,11 +352,15 @@ def find_faulty_channels(experiments: Sequence[Experiment]) -> tuple[dict[str, s
 
 
 def _find_saturation_values(samples: Array) -> list[float]:
-    """Return the highest and the lowest of ``samples`` where the channel is saturated."""
+    """Return the highest or the lowest of ``samples`` where the channel is saturated.
+
+    Where both are far more frequent than any other value, the channel rests at two levels, whose digits are coarse.
+    """
     values, counts = np.unique(samples, return_counts=True)
     other_counts = counts[1:-1][values[1:-1] != 0.0]
     min_count = max(MIN_SATURATED_SAMPLES, SATURATION_COUNT_RATIO * int(other_counts.max(initial=0)))
-    return [float(values[k]) for k in (-1, 0) if values[k] != 0.0 and counts[k] >= min_count]
+    frequent = [float(values[k]) for k in (-1, 0) if counts[k] >= min_count]
+    return [value for value in frequent if value != 0.0] if len(frequent) < 2 else []
 
 
 def remove_channels(experiments: Sequence[Experiment], excluded: Container[tuple[str, str]]) -> list[Experiment]:

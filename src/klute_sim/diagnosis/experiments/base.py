@@ -284,9 +284,14 @@ class Experiment(ABC):
         """Channels that depend on the tension; a diagnosis needs at least one of them."""
 
     @property
+    def pressure_range(self) -> float:
+        """Largest range of a pressure command [Pa]."""
+        return float(np.ptp(self.command))
+
+    @property
     @abstractmethod
-    def length_range(self) -> float:
-        """Range of the mechanical input, converted to a length of the muscle-tendon unit [m]."""
+    def length_range(self) -> float | None:
+        """Range of the mechanical input, converted to a length of the muscle-tendon unit [m]; None if unknown."""
 
     @abstractmethod
     def simulate(self, setup: SimulationSetup) -> DeviceResponse:

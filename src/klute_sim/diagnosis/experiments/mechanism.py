@@ -165,9 +165,17 @@ class MechanismExperiment(Experiment):
         return tuple(names) or ("force",)
 
     @property
-    def length_range(self) -> float:
-        """Range of the length of the first device [m]; 0 where it is unknown."""
-        return 0.0 if self.unit_length is None else float(np.ptp(self.unit_length))
+    def pressure_range(self) -> float:
+        """Largest range of a pressure command [Pa]."""
+        commands = [
+            values for name, values in self.inputs.items() if parse_channel(name).quantity == "pressure_command"
+        ]
+        return max(float(np.ptp(values)) for values in (self.command, *commands))
+
+    @property
+    def length_range(self) -> float | None:
+        """Range of the length of the first device [m]; None where it is unknown."""
+        return None if self.unit_length is None else float(np.ptp(self.unit_length))
 
     def simulate(self, setup: SimulationSetup) -> DeviceResponse:
         """Simulate from rest under the first inputs, or from the measured initial motion."""
