@@ -18,7 +18,7 @@ from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection import bounds, predictive_selection, robustness
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, SelectionStep
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_terms_at_bound
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
@@ -28,6 +28,7 @@ from klute_sim.diagnosis.selection.robustness import (
     refine_and_simplify,
     select_final_fit,
 )
+from klute_sim.diagnosis.selection.selection_step import SelectionStep
 from tests.diagnosis.synthetic_dataset import make_repeats
 
 DEVICE = load_device("klute-3-4-pair")

@@ -24,9 +24,10 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, SelectionStep
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import list_kinds
 from klute_sim.diagnosis.selection.screening import screen_candidates
+from klute_sim.diagnosis.selection.selection_step import SelectionStep
 from tests.diagnosis.test_predictive_selection import make_fit
 from tests.diagnosis.test_sparse_regression import create_search
 

@@ -20,9 +20,10 @@ from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.imperfect_law import decide_verdict
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, SelectionStep
+from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult, compute_share
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
+from klute_sim.diagnosis.selection.selection_step import SelectionStep
 from klute_sim.diagnosis.verdict import verdict_to_dict
 from tests.diagnosis.synthetic_dataset import make_repeats
 

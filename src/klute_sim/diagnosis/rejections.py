@@ -8,8 +8,9 @@ from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Identity
 from klute_sim.diagnosis.imperfect_law import FOLD_WORDS
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, SelectionStep
+from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult, compare_errors
+from klute_sim.diagnosis.selection.selection_step import SelectionStep
 
 LATER = "; after that, "
 """Words between the reason of the fit and that of the last screening."""

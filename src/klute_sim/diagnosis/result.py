@@ -18,9 +18,10 @@ from klute_sim.diagnosis.localization.misfit_regions import MisfitRegion
 from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.planning.direct_measurements import DirectMeasurement
-from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, SelectionStep
+from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
 from klute_sim.diagnosis.selection.robustness import EquivalentModel
+from klute_sim.diagnosis.selection.selection_step import SelectionStep
 
 Verdict = Literal[
     "nothing-missing", "identified", "identified-in-part", "indistinguishable", "unexplained", "insufficient-data"

@@ -10,8 +10,9 @@ from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.selection.candidates import list_further_terms
-from klute_sim.diagnosis.selection.forward_selection import REFIT_MAX_NFEV, ForwardSelection, SelectionStep
+from klute_sim.diagnosis.selection.forward_selection import REFIT_MAX_NFEV, ForwardSelection
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
+from klute_sim.diagnosis.selection.selection_step import SelectionStep
 
 MIN_GAIN_FRACTION = 0.8
 """Smallest predicted fraction of what a model leaves above the noise that a number of one specimen must take to be

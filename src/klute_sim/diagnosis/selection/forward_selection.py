@@ -26,6 +26,7 @@ from klute_sim.diagnosis.selection.naming import (
 )
 from klute_sim.diagnosis.selection.refits import refit_with_replacement, refit_without_term
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates, select_shortlist
+from klute_sim.diagnosis.selection.selection_step import SelectionStep
 from klute_sim.types import Array
 
 BIC_THRESHOLD = 6.0
@@ -38,6 +39,9 @@ MAX_VALIDATION_LOSS = 0.02
 """Maximum relative rise of chi squared in one group of validation trials."""
 NO_MISFIT_GAIN_FACTOR = 2.0
 """Factor of the minimum validation gain where repeats show no misfit."""
+MIN_FURTHER_GAIN_FRACTION = 1e-3
+"""Fall of chi squared by a further effect, over that by the effects before it, which it must exceed where repeats show
+no misfit without it (assumed: the simulation reproduces the trace of an effect to 3 %)."""
 NO_REPEATS_BIC_FACTOR = 2.0
 """Factor of the BIC threshold where no trial has repeats and the noise is an assumption."""
 REFIT_MAX_NFEV = (3, 4, 25)
@@ -60,26 +64,6 @@ MAX_BIC_LAG_FRACTIONS = (0.3, 0.1)
 """Fractions of the best fall of BIC by which a candidate may lag to get the second and the third round of fitting."""
 DIVERGENCE_REASON = "with it, a simulation diverges"
 """Reason for the rejection of an effect without a finite simulation."""
-
-
-@dataclass(frozen=True, eq=False)
-class SelectionStep:
-    """One step of the selection, with or without an added effect."""
-
-    initial_fit: Fit
-    """Fit before the step."""
-    candidates: tuple[Candidate, ...]
-    """Screened candidates, best first."""
-    refits: tuple[Fit, ...]
-    """Fits of the shortlist: the accepted one first, then by BIC."""
-    added_term: EffectTerm | None
-    """Accepted effect; None if no candidate was accepted."""
-    validation_gains: dict[str, float]
-    """Relative fall of chi squared of the accepted effect in each validation group."""
-    reason: str
-    """Reason for the decision."""
-    rejections: dict[EffectTerm, str] = field(default_factory=dict)
-    """Reason for the rejection of each tested candidate."""
 
 
 @dataclass(eq=False)
@@ -356,6 +340,12 @@ class ForwardSelection:
                 f"{term} explains no more than noise would (BIC {format_bic_drop(bic_gain, 1)}; a fall of more than "
                 f"{self.bic_threshold:.0f} is required)"
             )
+        known_gain = self._compute_gain_without_misfit(before)
+        if before.chi2 - after.chi2 <= MIN_FURTHER_GAIN_FRACTION * known_gain:
+            return (
+                f"{term} explains less than {100.0 * MIN_FURTHER_GAIN_FRACTION:g} % of what the effects before it do, "
+                "no more than errors of the simulation might"
+            )
         trials = "validation trials" if self.validation_data else "the fitted groups, each left out in turn,"
         losses = [f"'{group}' by {-100 * g:.1f} %" for group, g in validation_gains.items() if g < -MAX_VALIDATION_LOSS]
         if losses:
@@ -363,6 +353,12 @@ class ForwardSelection:
         if validation_gains and float(np.mean(list(validation_gains.values()))) <= min_gain:
             return f"{term} fits, but {trials} improve by no more than {100 * min_gain:.0f} %"
         return ""
+
+    def _compute_gain_without_misfit(self, current: Fit) -> float:
+        """Return the fall of chi squared by the effects of ``current``; 0 where its repeats show a misfit, or none."""
+        if not self.history or not self.has_repeats or self.has_misfit(current):
+            return 0.0
+        return max(0.0, self.history[0].initial_fit.chi2 - current.chi2)
 
     def prune(self, current: Fit, base_fit: Fit) -> Fit:
         """Return ``current`` without the terms that later terms have made redundant."""

@@ -13,7 +13,7 @@ import numpy as np
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.selection.forward_selection import SelectionStep
+from klute_sim.diagnosis.selection.selection_step import SelectionStep
 from klute_sim.report.diagnosis import text as words
 from klute_sim.report.diagnosis.localization_figure import CASE_COLOURS, build_localization_figure
 from klute_sim.report.diagnosis.traces import SimulatedTrial, simulate_shown_trials
