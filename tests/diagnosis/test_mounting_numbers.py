@@ -11,6 +11,7 @@ from klute_sim.diagnosis.fitting.dependent_numbers import (
     NEUTRAL_RATIO,
     RESTING_LENGTH,
     SLACK_LENGTH,
+    compute_mounting_error,
     hold_mounting,
     move_mounting,
     replace_values,
@@ -18,6 +19,7 @@ from klute_sim.diagnosis.fitting.dependent_numbers import (
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import NUMBER_ERROR_NAME
+from klute_sim.diagnosis.remarks import describe_mounting_error
 
 NOMINAL = load_device("klute-1-1-4-pair")
 VALUES = NOMINAL.spec.collect_values()
@@ -39,11 +41,39 @@ def test_device_file_holds_the_mounting(slack_error: float, length_error: float)
 
 def test_mounting_follows_lengths_only() -> None:
     assert hold_mounting(VALUES, {"muscle.c10_kpa": 100.0}) == {"muscle.c10_kpa": 100.0}
-    own = {NEUTRAL_RATIO: 0.95, SLACK_LENGTH: 103.0}
+    own = {NEUTRAL_RATIO: 0.95}
     assert hold_mounting(VALUES, own) == own
     bench = {key: value for key, value in VALUES.items() if key != NEUTRAL_RATIO}
     assert hold_mounting(bench, {SLACK_LENGTH: 103.0}) == {SLACK_LENGTH: 103.0}
     assert hold_mounting(VALUES, {SLACK_LENGTH: 80.0})[NEUTRAL_RATIO] == 1.0  # the largest that a file may have
+
+
+@given(st.floats(-5.0, 5.0), st.floats(-3.0, 3.0), st.floats(-0.01, 0.01))
+def test_device_file_has_the_muscle_of_the_fit_at_a_neutral_ankle(slack: float, length: float, ratio: float) -> None:
+    corrected = {
+        SLACK_LENGTH: VALUES[SLACK_LENGTH] + slack,
+        RESTING_LENGTH: VALUES[RESTING_LENGTH] + length,
+        NEUTRAL_RATIO: VALUES[NEUTRAL_RATIO] + ratio,
+    }
+    fitted = replace_values(NOMINAL.spec, corrected)
+    moved = move_mounting(fitted.to_parameters(), NOMINAL.spec, fitted)
+    in_fit = measure_mounting(VALUES) - 1e3 * moved.tendon.slack_length
+    in_file = {**VALUES, **hold_mounting(VALUES, corrected)}
+    error = compute_mounting_error(VALUES, corrected)
+    assert in_file[NEUTRAL_RATIO] * in_file[RESTING_LENGTH] == pytest.approx(in_fit + error, abs=1e-6)
+    assert (error == 0.0) == (in_file[NEUTRAL_RATIO] < 1.0)
+
+
+def test_mounting_that_no_file_can_state_is_reported() -> None:
+    term = EffectTerm(NUMBER_ERROR_NAME, "value", number=SLACK_LENGTH)
+    hypothesis = Hypothesis(NOMINAL, (), ()).with_term(term)
+
+    def describe(x: float) -> list[str]:
+        return describe_mounting_error(Fit(hypothesis, np.array([x]), np.zeros(1), np.eye(1), True, []))
+
+    assert describe(1.5) == []
+    (sentence,) = describe(-4.0)  # 8 mm
+    assert "1.4 mm shorter at a neutral ankle" in sentence
 
 
 def test_longer_mounting_is_a_shorter_tendon() -> None:

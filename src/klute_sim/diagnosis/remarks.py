@@ -8,6 +8,7 @@ from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.datasets.trial import COMMAND_CHANNEL, Trial
 from klute_sim.device.device import Device
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.fitting.dependent_numbers import compute_mounting_error
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
@@ -17,6 +18,8 @@ from klute_sim.units import BAR
 MIN_REPORTED_SIGMAS = 2.0
 """Change of an uncertain number in a fit that the reasons state, in its standard deviations (assumed)."""
 
+MIN_MOUNTING_ERROR_MM = 0.05
+"""Smallest error of a mounting [mm] that the reasons state (assumed: a tenth of what a ruler shows)."""
 MAX_INTERVAL_FRACTION = 0.5
 """Largest part of the allowed range, logarithmic for a shape, that an interval may cover before the reasons say that
 the value is not determined (assumed)."""
@@ -112,6 +115,20 @@ def describe_refitted_numbers(fit: Fit) -> list[str]:
     if not changes:
         return []
     return [f"The fit changes declared numbers, in brackets by how many standard deviations: {', '.join(changes)}."]
+
+
+def describe_mounting_error(fit: Fit) -> list[str]:
+    """Return a sentence where the device file of ``fit`` cannot be mounted as in the fit; none if it can."""
+    hypothesis = fit.hypothesis
+    declared = hypothesis.device.spec.collect_values()
+    error = compute_mounting_error(declared, hypothesis.correct_numbers(hypothesis.device, None, fit.values))
+    if abs(error) < MIN_MOUNTING_ERROR_MM:
+        return []
+    return [
+        "The device file cannot state how the fitted device is mounted: mounting.neutral_muscle_ratio is at its limit, "
+        f"so the muscle is {abs(error):.2g} mm {'longer' if error > 0.0 else 'shorter'} at a neutral ankle than in the "
+        "fit. Measure the lengths of muscle and tendon, and how the device is mounted."
+    ]
 
 
 def describe_undetermined_parameters(fit: Fit, intervals: Sequence[tuple[float, float]]) -> list[str]:

@@ -56,20 +56,35 @@ def complete_numbers(
 
 
 def hold_mounting(values: Mapping[str, float], corrected: Mapping[str, float]) -> dict[str, float]:
-    """Return ``corrected`` with the neutral ratio at which the device is as long at a neutral ankle as in ``values``.
+    """Return ``corrected`` with the neutral ratio at which the device is mounted where the fit has it.
 
     Both are ``section.key`` -> value in the unit of the key. A muscle or tendon whose length was wrong is mounted where
-    it was. The ratio stays where it is corrected itself, and where no length is.
+    it was. A ratio that is corrected itself moves the mounting by the correction (:func:`move_mounting`). The ratio
+    stays within its limits (:func:`compute_mounting_error`), and as it is where no length is corrected.
     """
-    lengths = {RESTING_LENGTH, SLACK_LENGTH}
-    is_mounted = {NEUTRAL_RATIO, SLACK_LENGTH} <= values.keys()
-    if not is_mounted or NEUTRAL_RATIO in corrected or not corrected.keys() & lengths:
+    ratio = _compute_neutral_ratio(values, corrected)
+    if ratio is None:
         return dict(corrected)
-    mounting_length = values[NEUTRAL_RATIO] * values[RESTING_LENGTH] + values[SLACK_LENGTH]
-    new = {**values, **corrected}
-    ratio = (mounting_length - new[SLACK_LENGTH]) / new[RESTING_LENGTH]
     lower, upper = find_limits(NEUTRAL_RATIO)
     return {**corrected, NEUTRAL_RATIO: min(max(ratio, lower), upper)}
+
+
+def compute_mounting_error(values: Mapping[str, float], corrected: Mapping[str, float]) -> float:
+    """Return by how much longer [mm] the device is in a file than in the fit, because its neutral ratio is limited."""
+    ratio = _compute_neutral_ratio(values, corrected)
+    if ratio is None:
+        return 0.0
+    return (hold_mounting(values, corrected)[NEUTRAL_RATIO] - ratio) * {**values, **corrected}[RESTING_LENGTH]
+
+
+def _compute_neutral_ratio(values: Mapping[str, float], corrected: Mapping[str, float]) -> float | None:
+    """Return the neutral ratio of the fit, without limits; None where it is that of ``corrected`` or ``values``."""
+    is_mounted = {NEUTRAL_RATIO, SLACK_LENGTH} <= values.keys()
+    if not is_mounted or not corrected.keys() & {RESTING_LENGTH, SLACK_LENGTH}:
+        return None
+    mounting_length = values[NEUTRAL_RATIO] * values[RESTING_LENGTH] + values[SLACK_LENGTH]
+    new = {**values, **corrected}
+    return (mounting_length - new[SLACK_LENGTH]) / new[RESTING_LENGTH] + new[NEUTRAL_RATIO] - values[NEUTRAL_RATIO]
 
 
 def move_mounting(parameters: DeviceParameters, declared: DeviceSpec, corrected: DeviceSpec) -> DeviceParameters:
