@@ -26,9 +26,11 @@ from klute_sim.mocap.prosthesis_sensors import read_measurements
 from klute_sim.types import Array
 
 MAX_SWING_TIME = 0.8
-"""Longest swing [s]; a longer time without load is a step on no plate (assumed; a swing takes about 0.4 s)."""
+"""Longest swing [s] between two contacts; a longer time without load is a step on no plate (assumed; a swing takes
+about 0.4 s)."""
 TRIM_MARGIN = 0.3
-"""Time [s] before the first and after the last contact that a trimmed trial keeps, in swing without load (assumed)."""
+"""Longest time [s] before the first and after the last contact that a trimmed trial keeps, in swing without load
+(assumed)."""
 MIN_SWING_TIME = 0.1
 """Shortest time without load before a foot strike that starts a stride [s] (assumed, as in the diagnosis)."""
 MIN_FOOT_STRIKES = 2
@@ -195,7 +197,10 @@ def _trim(
 
 
 def _find_loaded_span(contacts: Sequence[Contact], begin: float, end: float) -> tuple[float, float]:
-    """Return the longest part of ``begin`` to ``end`` [s] in which every step of the foot is on a plate."""
+    """Return the longest part of ``begin`` to ``end`` [s] in which every step of the foot is on a plate.
+
+    Beyond the first and the last contact, the foot is in the air for no longer than in the shortest swing between.
+    """
     sequences: list[list[Contact]] = []
     for contact in contacts:
         if sequences and contact.foot_strike - sequences[-1][-1].toe_off <= MAX_SWING_TIME:
@@ -206,10 +211,10 @@ def _find_loaded_span(contacts: Sequence[Contact], begin: float, end: float) -> 
         return begin, end
     longest = max(sequences, key=lambda sequence: sequence[-1].toe_off - sequence[0].foot_strike)
     first, last = longest[0].foot_strike, longest[-1].toe_off
-    return (
-        begin if first - begin <= MAX_SWING_TIME else first - TRIM_MARGIN,
-        end if end - last <= MAX_SWING_TIME else last + TRIM_MARGIN,
-    )
+    swings = [after.foot_strike - before.toe_off for before, after in pairwise(longest)]
+    swing = min((time for time in swings if time > MIN_SWING_TIME), default=TRIM_MARGIN)
+    margin = min(swing, TRIM_MARGIN)
+    return begin if first - begin <= swing else first - margin, end if end - last <= swing else last + margin
 
 
 def _find_complete_span(signals: Sequence[TimeSeries], begin: float, end: float) -> tuple[float, float]:
