@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from klute_sim.controllers.pressure import load_default_profile
+from klute_sim.datasets import dataset as datasets
 from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
 from klute_sim.gait.contacts import Contact, find_contacts
 from klute_sim.gait.rig import rig
 from klute_sim.gait.rig.setup import GaitOptions
@@ -15,6 +17,7 @@ from klute_sim.mocap.dataset_import import DatasetOptions, ImportedDataset
 from klute_sim.mocap.formats import storage
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.prosthesis_trials import _find_loaded_span
+from klute_sim.recording import csv
 from klute_sim.recording.recording import Recording
 
 DEVICE = "klute-1-1-4-pair"
@@ -74,3 +77,21 @@ def test_stance_beside_the_plates_is_left_out(recording: Recording, tmp_path: Pa
     is_kept = (recording["time"] >= begin) & (recording["time"] <= end)
     measured = np.interp(recording["time"], *trial.channels["grf_vertical"])
     assert measured[is_kept] == pytest.approx(recording["grf_vertical"][is_kept], abs=40.0)
+
+
+@pytest.mark.parametrize("seconds_after_strike", [0.1, 0.16])
+def test_foot_strike_counts_with_a_whole_contact(
+    seconds_after_strike: float, recording: Recording, tmp_path: Path
+) -> None:
+    """What the import accepts, the diagnosis accepts as well."""
+    files = export_steps(tmp_path / "lab", recording, -1.0, 99.0)
+    strikes = find_foot_strikes(recording)
+    log = export.to_prosthesis_log(recording)
+    csv.write(log.select(log["time"] <= strikes[3] + seconds_after_strike), files[2])
+    imported = import_trial(files)
+    (tmp_path / "data").mkdir()
+    dataset_import.write_dataset(imported, tmp_path / "data")
+    (trial,) = datasets.load_dataset(tmp_path / "data").trials
+    assert prepare_gait_trial(trial, "fit").foot_strikes + trial.prescribed["shank_angle"].time[0] == pytest.approx(
+        imported.trials[0].foot_strikes, abs=2e-3
+    )

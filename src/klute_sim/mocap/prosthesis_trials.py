@@ -183,8 +183,12 @@ def _trim(
             f"{trial_name}: trimmed from {begin:.2f} to {end:.2f} s to {low:.2f} to {high:.2f} s, because of steps on "
             "no plate or missing prescribed channels"
         )
+    trimmed = {name: TimeSeries(*(v[(s.time >= low) & (s.time <= high)] for v in s)) for name, s in channels.items()}
+    load = trimmed["grf_vertical"]
     foot_strikes = [
-        c.foot_strike for c in contacts if c.has_foot_strike and low + MIN_SWING_TIME < c.foot_strike <= high
+        c.foot_strike
+        for c in find_contacts(load.time, load.value)  # a contact that the end truncates may be too short to count
+        if c.has_foot_strike and c.foot_strike > low + MIN_SWING_TIME
     ]
     if len(foot_strikes) < MIN_FOOT_STRIKES:
         log.add_missing(
@@ -192,7 +196,6 @@ def _trim(
             f"consecutive strides on plates; a replay needs {MIN_FOOT_STRIKES} or more, better 5"
         )
         return None
-    trimmed = {name: TimeSeries(*(v[(s.time >= low) & (s.time <= high)] for v in s)) for name, s in channels.items()}
     return ProsthesisTrial(trial_name, tuple(source.name for source in trial), trimmed, np.array(foot_strikes))
 
 
