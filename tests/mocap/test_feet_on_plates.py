@@ -52,6 +52,22 @@ def test_steps_of_the_other_foot_are_left_out(has_marker: Callable[[str], bool],
     assert any(sentence.startswith("Foot on a plate: ") and reason in sentence for sentence in imported.log.derived)
 
 
+def test_steps_of_the_other_foot_are_left_out_where_motion_comes_from_columns(tmp_path: Path) -> None:
+    expected = import_walk(write_walk(tmp_path / "both")).trials[0]
+    files = write_walk(tmp_path / "columns")
+    walker = Walker()
+    shank, ankle = walker.of("shank_forward_deg", "right"), walker.points("right")["ANKLE"]
+    rows = [",".join(map(repr, row)) for row in np.column_stack([walker.time, shank, ankle]).tolist()]
+    heading = "time [s],shank_angle [deg],ankle_x [m],ankle_z [m]"
+    (tmp_path / "columns" / "motion.csv").write_text("\n".join([heading, *rows]) + "\n")
+    imported = import_walk([tmp_path / "columns" / "motion.csv", *files[1:]])
+    (trial,) = imported.trials
+    assert trial.foot_strikes == pytest.approx(expected.foot_strikes)
+    vertical = np.interp(expected.channels["grf_vertical"].time, *trial.channels["grf_vertical"])
+    assert vertical == pytest.approx(expected.channels["grf_vertical"].value, nan_ok=True)
+    assert any("contacts whose centre of pressure the right ankle passes" in text for text in imported.log.derived)
+
+
 def test_reference_of_one_leg_has_its_load_only(tmp_path: Path) -> None:
     files = write_walk(tmp_path / "one", lambda name: name.startswith("R_"))[:2]
     imported = reference_import.import_reference(files, ImportOptions(mass=MASS))

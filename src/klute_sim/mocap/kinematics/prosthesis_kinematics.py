@@ -67,6 +67,11 @@ def extract_kinematics(
             f"markers (.trc, .c3d) or name a column of {' and '.join(missing)} in a file for --map, under [{side}]"
         )
         return None
+    channels = {}
+    for name, column in columns.items():
+        if column is not None:
+            values = filters.fill_gaps(apply_given_sign(column, side, log), column.time)
+            channels[name] = TimeSeries(column.time, values)
     foot_loads = loads.read_foot_loads(trial, options, log)
     plates = loads.read_plate_loads(trial, None, log) if side not in foot_loads else {}
     if plates:
@@ -76,12 +81,8 @@ def extract_kinematics(
             knees[knee_side] = {} if knee is None else {"knee_angle": knee}
         time, knee_difference = from_joint_angles.compute_knee_difference(knees)
         legs = SIDES if len(time) else [side]
-        foot_loads = loads.assign_to_feet(plates, legs, time, knee_difference, options, log)
-    channels = {}
-    for name, column in columns.items():
-        if column is not None:
-            values = filters.fill_gaps(apply_given_sign(column, side, log), column.time)
-            channels[name] = TimeSeries(column.time, values)
+        ankles = {side: channels["ankle_x"]}
+        foot_loads = loads.assign_to_feet(plates, legs, time, knee_difference, options, log, ankles)
     return ProsthesisKinematics(channels, foot_loads, bool(plates))
 
 
