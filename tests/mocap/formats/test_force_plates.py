@@ -63,6 +63,12 @@ def test_force_and_centre_are_those_of_the_load(plate_type: int) -> None:
     check(replace(plate, origin=-plate.origin))  # some files have the distance of the sensors with the other sign
 
 
+@pytest.mark.parametrize("signs", [(1.0, 1.0, 1.0), (-1.0, 1.0, -1.0), (1.0, -1.0, 1.0)])
+def test_sensor_distances_of_type_3_have_no_sign(signs: tuple[float, ...]) -> None:
+    plate = make_plate(3)
+    check(replace(plate, origin=np.abs(plate.origin) * signs))
+
+
 @pytest.mark.parametrize(("unit", "factor"), [("Nm", 1.0), ("N.m", 1.0), ("Nmm", 1e3), ("N*mm", 1e3), ("", 1e3)])
 def test_moments_have_the_unit_of_their_channels(unit: str, factor: float) -> None:
     plate = make_plate(2)

@@ -66,7 +66,7 @@ def convert(plate: RawPlate, time: Array, force_unit: float, length_unit: float,
     """
     rotation = _compute_rotation(plate.corners, name)
     center = plate.corners.mean(axis=1)
-    origin = -plate.origin if plate.origin[2] > 0.0 else plate.origin  # it is below the surface, z points down
+    origin = _orient_origin(plate)
     loads = _scale_channels(plate, force_unit, length_unit, name)
     # Channels 4 and 5 of a plate of type 1 are the centre of pressure.
     is_force = slice(0, 3) if plate.plate_type == 1 else slice(None)
@@ -100,6 +100,16 @@ def _compute_rotation(corners: Array, name: str) -> Array:
     if not (np.isfinite(lengths).all() and lengths.all()):
         raise InputError(f"{name} has no area: its four CORNERS must form a rectangle")
     return np.asarray(axes / lengths)
+
+
+def _orient_origin(plate: RawPlate) -> Array:
+    """Return the vector [m] from the sensors of ``plate`` to its surface, with z down; files differ in its sign.
+
+    The first two numbers of type 3 are distances between sensors and axes.
+    """
+    if plate.plate_type == 3:
+        return np.asarray(np.abs(plate.origin) * [1.0, 1.0, -1.0])
+    return -plate.origin if plate.origin[2] > 0.0 else plate.origin
 
 
 def _scale_channels(plate: RawPlate, force_unit: float, length_unit: float, name: str) -> Array:
