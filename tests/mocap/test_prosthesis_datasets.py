@@ -187,6 +187,8 @@ def test_lag_of_two_clocks_is_estimated() -> None:
     assert imported[0] == pytest.approx(0.12, abs=time_sync.LAG_STEP)
     assert imported[1] > 0.999
     assert time_sync.estimate_lag(TimeSeries(time[:150], wave.value[:150]), wave) is None
+    unknown = TimeSeries(time, np.full(len(time), np.nan))  # of a marker that is listed but never visible
+    assert time_sync.estimate_lag(unknown, wave) is time_sync.estimate_lag(wave, unknown) is None
 
 
 def test_mapping_sets_columns_units_and_signs(gait_recording: Recording, tmp_path: Path) -> None:

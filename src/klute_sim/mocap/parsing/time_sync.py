@@ -4,7 +4,6 @@ import numpy as np
 
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.mocap.import_log import ImportLog
-from klute_sim.types import Array
 
 MAX_LAG = 0.5
 """Largest lag that is tried in either direction [s]; with a lag of a full stride, walking looks the same."""
@@ -19,23 +18,23 @@ MIN_CORRELATION = 0.95
 def estimate_lag(signal: TimeSeries, reference: TimeSeries) -> tuple[float, float] | None:
     """Return the time [s] to add to ``signal`` for the highest correlation with ``reference``, and this correlation.
 
-    Returns None if the two overlap for less than a second.
+    Returns None if the two overlap for less than a second, or one has no known samples.
     """
+    signal, reference = (TimeSeries(*(v[np.isfinite(each.value)] for v in each)) for each in (signal, reference))
+    if not (len(signal.time) and len(reference.time)):
+        return None
     begin = max(signal.time[0] + MAX_LAG, reference.time[0])
     end = min(signal.time[-1] - MAX_LAG, reference.time[-1])
     if end - begin < 1.0:
         return None
     grid = np.arange(begin, end, LAG_STEP)
-    reference_values = _interpolate(reference, grid)
+    reference_values = np.interp(grid, reference.time, reference.value)
     lags = np.arange(-round(MAX_LAG / LAG_STEP), round(MAX_LAG / LAG_STEP) + 1) * LAG_STEP
-    correlations = [float(np.corrcoef(_interpolate(signal, grid - lag), reference_values)[0, 1]) for lag in lags]
+    correlations = [
+        float(np.corrcoef(np.interp(grid - lag, signal.time, signal.value), reference_values)[0, 1]) for lag in lags
+    ]
     best = int(np.argmax(correlations))
     return float(lags[best]), correlations[best]
-
-
-def _interpolate(signal: TimeSeries, time: Array) -> Array:
-    known = np.isfinite(signal.value)
-    return np.asarray(np.interp(time, signal.time[known], signal.value[known]))
 
 
 def compare_clocks(
