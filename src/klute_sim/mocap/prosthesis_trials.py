@@ -136,15 +136,16 @@ def _add_cop(
     """Add the centre of pressure to ``channels``; return whether it is known whenever the foot is loaded."""
     load, column = kinematics.loads[side], find_column(trial, "cop_x", side, options)
     if column is not None:
-        cop = TimeSeries(column.time, apply_given_sign(column, side, log))
+        time, position = column.time, apply_given_sign(column, side, log)
     elif load.cop is not None:
-        cop = TimeSeries(load.time, load.cop[:, 0])
+        time, position = load.time, load.cop[:, 0]
     else:
         log.add_missing(
             f"{load.file_name}: no centre of pressure of the {side} foot, so the moment of the load about the ankle is "
             f"unknown: name a column of cop_x in a file for --map, under [{side}], or add the force plates (.c3d, .mot)"
         )
         return False
+    cop = TimeSeries(*filters.insert_left_out_samples(time, position))
     vertical = channels["grf_vertical"]
     is_loaded = interpolate_load_mask(cop.time, vertical.time, find_loaded_samples(vertical.value))
     filled = filters.fill_gaps(np.where(is_loaded, cop.value, np.nan), cop.time)

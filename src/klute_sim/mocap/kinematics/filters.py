@@ -1,4 +1,4 @@
-"""Zero-lag low-pass filters, gap filling and resampling to uniform times."""
+"""Zero-lag low-pass filters, gaps (empty or left out) and resampling to uniform times."""
 
 from itertools import pairwise
 
@@ -22,6 +22,11 @@ MAX_GAP_TIME = 0.2
 """Longest gap [s] that is filled by linear interpolation (assumed)."""
 MAX_CLOCK_JITTER = 0.2
 """Largest deviation from uniform times, in sampling intervals, that counts as rounding."""
+MAX_INTERVAL_RATIO = 1.5
+"""Largest ratio of an interval between samples to the median one; in a longer one the file leaves samples out
+(assumed)."""
+MAX_INSERTED_SAMPLES = 100_000
+"""Largest number of samples that are inserted in one interval, which bounds memory after a wrong time stamp."""
 MIN_TIME_STEP, MAX_TIME_STEP = 1e-5, 0.1
 """Accepted sampling intervals [s]."""
 
@@ -52,6 +57,18 @@ def low_pass(samples: Array, rate: float, cutoff: float) -> Array:
             if stop - start > MIN_FILTERED_SAMPLES:
                 column[start:stop] = sosfiltfilt(sections, column[start:stop])
     return result
+
+
+def insert_left_out_samples(time: Array, samples: Array) -> tuple[Array, Array]:
+    """Return ``time`` [s] and ``samples`` (n, ...) with NaN at regular times where samples are left out."""
+    intervals = np.diff(time)
+    typical = float(np.median(intervals))
+    is_long = intervals > MAX_INTERVAL_RATIO * typical
+    counts = np.where(is_long, np.minimum(np.round(intervals / typical) - 1.0, MAX_INSERTED_SAMPLES), 0.0).astype(int)
+    steps = [np.arange(1, count + 1) / (count + 1) for count in counts[is_long]]
+    before = np.repeat(np.arange(len(intervals)), counts)
+    added = time[before] + intervals[before] * np.concatenate([np.zeros(0), *steps])
+    return np.insert(time, before + 1, added), np.insert(np.asarray(samples, dtype=np.float64), before + 1, np.nan, 0)
 
 
 def fill_gaps(samples: Array, time: Array) -> Array:

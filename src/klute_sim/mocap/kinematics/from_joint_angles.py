@@ -50,8 +50,9 @@ class _UniformClock:
 
     def resample(self, column: Column, values: Array, cutoff: float) -> Array:
         """Return ``values`` of ``column``, filtered at ``cutoff`` [Hz], at these times; NaN outside the column."""
-        column_time = filters.make_uniform_time(column.time, column.source.path)
-        uniform = filters.resample_uniform(column_time, column.time, filters.fill_gaps(values, column.time))
+        time, complete = filters.insert_left_out_samples(column.time, values)
+        column_time = filters.make_uniform_time(time, column.source.path)
+        uniform = filters.resample_uniform(column_time, time, filters.fill_gaps(complete, time))
         rate = (len(column_time) - 1) / (column_time[-1] - column_time[0])
         filtered = filters.low_pass(uniform, rate, cutoff)
         return np.asarray(np.interp(self.time, column_time, filtered, left=np.nan, right=np.nan), dtype=np.float64)
@@ -186,7 +187,8 @@ def _build_leg(
     log: ImportLog,
 ) -> Leg | None:
     knee = leg_columns["knee_angle"]
-    clock = _UniformClock(filters.make_uniform_time(knee.time, knee.source.path))
+    knee_time, _ = filters.insert_left_out_samples(knee.time, knee.values)
+    clock = _UniformClock(filters.make_uniform_time(knee_time, knee.source.path))
     has_moment = channel_names.ANKLE_MOMENT in leg_columns
     load = load if has_moment else add_cop(load, leg_columns, side, options, log)
     foot = resample_loads(load, clock.time, side, options, log)

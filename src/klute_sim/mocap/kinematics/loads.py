@@ -209,9 +209,10 @@ def _points_down(vertical: Array) -> bool:
 def preprocess_load(loads: GroundReaction, description: str, options: ImportOptions, log: ImportLog) -> GroundReaction:
     """Return ``loads`` without the offset of the plate, and with gaps filled; ``description`` names the plate.
 
-    Short gaps are interpolated, unless a heel strike or toe-off is somewhere in them; the load is zero in swings that
-    the file leaves out. The other gaps remain.
+    Samples that the file leaves out are gaps. Short gaps are interpolated, unless a heel strike or toe-off is somewhere
+    in them; the load is zero in swings that the file leaves out. The other gaps remain.
     """
+    loads = _insert_left_out_samples(loads)
     offset = estimate_plate_offset(loads.vertical, loads.forward)
     _warn_of_offset(offset, description, loads.file_name, log)
     filled = fill_swings(loads.time, loads.vertical - offset.vertical)
@@ -223,6 +224,13 @@ def preprocess_load(loads: GroundReaction, description: str, options: ImportOpti
             vertical[start:stop] = np.nan
     forward = filters.fill_gaps(np.where(is_left_out, 0.0, loads.forward - offset.forward), loads.time)
     return replace(loads, vertical=vertical, forward=forward)
+
+
+def _insert_left_out_samples(loads: GroundReaction) -> GroundReaction:
+    time, vertical = filters.insert_left_out_samples(loads.time, loads.vertical)
+    _, forward = filters.insert_left_out_samples(loads.time, loads.forward)
+    cop = None if loads.cop is None else filters.insert_left_out_samples(loads.time, loads.cop)[1]
+    return replace(loads, time=time, vertical=vertical, forward=forward, cop=cop)
 
 
 def _warn_of_offset(offset: PlateOffset, description: str, file_name: str, log: ImportLog) -> None:

@@ -70,8 +70,8 @@ def extract_kinematics(
     channels = {}
     for name, column in columns.items():
         if column is not None:
-            values = filters.fill_gaps(apply_given_sign(column, side, log), column.time)
-            channels[name] = TimeSeries(column.time, values)
+            time, values = filters.insert_left_out_samples(column.time, apply_given_sign(column, side, log))
+            channels[name] = TimeSeries(time, filters.fill_gaps(values, time))
     foot_loads = loads.read_foot_loads(trial, options, log)
     plates = loads.read_plate_loads(trial, None, log) if side not in foot_loads else {}
     if plates:
@@ -79,10 +79,10 @@ def extract_kinematics(
         for knee_side in SIDES:
             knee = find_column(trial, "knee_angle", knee_side, options)
             knees[knee_side] = {} if knee is None else {"knee_angle": knee}
-        time, knee_difference = from_joint_angles.compute_knee_difference(knees)
-        legs = SIDES if len(time) else [side]
+        knee_time, knee_difference = from_joint_angles.compute_knee_difference(knees)
+        legs = SIDES if len(knee_time) else [side]
         ankles = {side: channels["ankle_x"]}
-        foot_loads = loads.assign_to_feet(plates, legs, time, knee_difference, options, log, ankles)
+        foot_loads = loads.assign_to_feet(plates, legs, knee_time, knee_difference, options, log, ankles)
     return ProsthesisKinematics(channels, foot_loads, bool(plates))
 
 
