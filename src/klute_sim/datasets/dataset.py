@@ -13,6 +13,7 @@ from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, RigName, res
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
 from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.initial_state import check_initial_state, parse_initial_state
+from klute_sim.datasets.left_out_rows import add_left_out_rows
 from klute_sim.datasets.load_bandwidth import describe_filtered_loads
 from klute_sim.datasets.mechanism import (
     DatasetMechanism,
@@ -63,10 +64,7 @@ class Dataset:
     @property
     def channel_source(self) -> ChannelSource:
         """Where the channels of the trials follow from."""
-        if self.mechanism is not None:
-            return self.mechanism.channels
-        assert self.rig != "mjcf"
-        return self.rig
+        return _get_channel_source(self.rig, self.mechanism)
 
     @property
     def nominal_numbers(self) -> dict[str, float]:
@@ -137,10 +135,9 @@ def load_dataset(
     if mechanism is not None:
         known_values |= mechanism.collect_nominal_numbers()
     uncertainties = file_format.compute_standard_deviations(file.uncertain, known_values, source)
-    channel_source = _get_channel_source(file, mechanism)
+    channel_source = _get_channel_source(file.rig, mechanism)
     plans = _plan_trials(file, device, mechanism, channel_source, source)
     assign_uses([plan.split_entry for plan in plans], source)  # rejects an impossible split before large files
-
     digest = hashlib.sha256(hashlib.sha256(content).digest() + bytes.fromhex(device.digest))
     if mechanism is not None:
         for part_digest in (mechanism.file.digest, *(each.digest for each in mechanism.devices.values())):
@@ -166,6 +163,7 @@ def load_dataset(
             mechanism, trials, [channels.units for channels in contents], source, accepted_names
         )
     )
+    found = add_left_out_rows(found, trials, contents)
     changes = checks.find_implausible_changes(trials, [entry.device for entry in file.trial])
     findings = [*changes, *found.findings]
     checks.check_accepted(file.accept, findings, channel_source, known_values, f"{source}, accept: ")
@@ -210,11 +208,11 @@ def load_dataset(
     )
 
 
-def _get_channel_source(file: DatasetFile, mechanism: DatasetMechanism | None) -> ChannelSource:
+def _get_channel_source(rig: RigName, mechanism: DatasetMechanism | None) -> ChannelSource:
     if mechanism is not None:
         return mechanism.channels
-    assert file.rig != "mjcf"
-    return file.rig
+    assert rig != "mjcf"
+    return rig
 
 
 class _TrialPlan(NamedTuple):

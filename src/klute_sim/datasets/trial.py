@@ -1,6 +1,6 @@
 """One trial: its prescribed and measured channels, each with the time axis of its own file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -124,6 +124,8 @@ class TrialChannels(NamedTuple):
     """Channel -> columns that it is read from, and its unit; numbers in an expression do not count."""
     unmapped: Mapping[str, str]
     """Channel of the dataset's ``[columns]`` whose expression the trial does not have the columns for -> reason."""
+    locate: Mapping[str, Callable[[int], str]]
+    """Channel -> function that returns file and place of a row, such as ``trial file a.csv, line 17``."""
 
 
 def read_trial(
@@ -177,7 +179,8 @@ def read_trial(
         remarks += _subtract_plate_offset(prescribed, columns[channels.VERTICAL_FORCE].file.source)
     units[TIME_COLUMN] = next(iter(columns.values())).file.units[TIME_COLUMN]
     digests = tuple(file.digest for file in tables)
-    return TrialChannels(prescribed, measured, digests, tuple(remarks), units, sources, unmapped)
+    locate = {channel: column.locate_row for channel, column in columns.items()}
+    return TrialChannels(prescribed, measured, digests, tuple(remarks), units, sources, unmapped, locate)
 
 
 class _Column(NamedTuple):
@@ -190,6 +193,9 @@ class _Column(NamedTuple):
     @property
     def location(self) -> str:
         return f"trial file {self.file.source}: column '{self.file.headings[self.name]}'"
+
+    def locate_row(self, row: int) -> str:
+        return f"trial file {self.file.source}, {self.file.locate_row(row)}"
 
 
 def _make_zero_column(column: _Column) -> _Column:
