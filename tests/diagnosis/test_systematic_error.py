@@ -26,7 +26,7 @@ from klute_sim.diagnosis.fitting.systematic_error import (
 )
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
-from klute_sim.gait.replay.prescribed import CUTOFF_FREQUENCY_HZ, prepare_prescribed_motion
+from klute_sim.gait.replay.prescribed import PASS_CUTOFF_HZ, prepare_prescribed_motion
 from tests.diagnosis import synthetic_gait_dataset as synthetic_gait_dataset
 
 pytestmark = pytest.mark.slow
@@ -109,7 +109,7 @@ def build_fit(trials: Sequence[GaitExperiment], simulator: Simulator) -> tuple[W
 
 def test_preparation_variant_has_half_the_cutoff_frequency(clean_dataset: datasets.Dataset) -> None:
     trial = clean_dataset.trials[0]
-    motion = prepare_prescribed_motion(trial.prescribed, "trial", cutoff=0.5 * CUTOFF_FREQUENCY_HZ)
+    motion = prepare_prescribed_motion(trial.prescribed, "trial", pass_cutoff=0.5 * PASS_CUTOFF_HZ)
     nominal = next(
         e
         for e in prepare_experiments(clean_dataset, datasets.split_dataset(clean_dataset))

@@ -11,7 +11,7 @@ from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.gait.replay.foot import build_device_foot
-from klute_sim.gait.replay.prescribed import prepare_prescribed_motion
+from klute_sim.gait.replay.prescribed import PASS_CUTOFF_HZ, prepare_prescribed_motion
 from klute_sim.gait.replay.rollout import ReplayInputs, ReplayResult, simulate_replay
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
@@ -104,6 +104,16 @@ def test_replay_converges_with_the_time_step() -> None:
     assert changes[0] < np.radians(0.2)
     assert changes[1] == pytest.approx(0.5 * changes[0], rel=0.2)
     assert changes[2] == pytest.approx(0.5 * changes[1], rel=0.3)
+
+
+@pytest.mark.parametrize(("frequency", "gain"), [(2.0, 1.0), (16.0, np.sqrt(0.5)), (PASS_CUTOFF_HZ, 0.5)])
+def test_cutoff_of_both_passes_is_16_hz(frequency: float, gain: float) -> None:
+    samples = sample_channels(simulate_run(), 1)
+    time = samples["ankle_z"].time
+    samples["ankle_z"] = TimeSeries(time, np.sin(2.0 * np.pi * frequency * time))
+    middle = time[(time > 0.5) & (time < 1.5)]
+    filtered = prepare_prescribed_motion(samples, "a").ankle_z(middle)
+    assert filtered == pytest.approx(gain * np.sin(2.0 * np.pi * frequency * middle), abs=5e-3)
 
 
 @pytest.mark.parametrize(("stride", "is_noisy"), [(4, False), (10, False), (20, False), (10, True)])

@@ -72,7 +72,7 @@ CONTACT_FORCE_THRESHOLD = 20.0
 MOTION_CHANNELS = ("shank_angle", "ankle_x", "ankle_z")
 """Prescribed channels of gait whose accelerations move the foot."""
 MAX_MOTION_INTERVAL = 0.02
-"""Largest sampling interval of these [s], for the low-pass filter of a replay at 20 Hz."""
+"""Largest sampling interval of these [s], for the low-pass filter of a replay with a cutoff of 16 Hz."""
 
 GAP_TOLERANT_CHANNEL = "cop_x"
 """The only prescribed channel that may have gaps: an unloaded foot has no centre of pressure."""

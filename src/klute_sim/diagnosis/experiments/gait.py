@@ -30,7 +30,7 @@ from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.gait.contacts import find_contacts
 from klute_sim.gait.replay.foot import build_bare_foot
-from klute_sim.gait.replay.prescribed import CUTOFF_FREQUENCY_HZ, PrescribedMotion, prepare_prescribed_motion
+from klute_sim.gait.replay.prescribed import PASS_CUTOFF_HZ, PrescribedMotion, prepare_prescribed_motion
 from klute_sim.gait.replay.rollout import ReplayInputs, simulate_replay
 from klute_sim.gait.rig.build import get_alignment
 from klute_sim.laws.foot import Foot, moment_arm
@@ -66,7 +66,7 @@ class GaitExperiment(Experiment):
     inputs: ReplayInputs = field(kw_only=True)
     """Inputs of the replay, one value per time step; :attr:`command` replaces their pressure command."""
     smoothed_inputs: ReplayInputs = field(kw_only=True)
-    """Inputs from a motion that is low-pass filtered at half the cutoff frequency."""
+    """Inputs from a motion that is low-pass filtered at half the cutoff frequency, 8 Hz."""
     load: PlateLoad = field(kw_only=True)
     """Vertical ground reaction and position of the ankle, one value per time step."""
     foot_strikes: Array = field(kw_only=True)
@@ -230,7 +230,7 @@ def prepare_gait_trial(trial: Trial, use: Use) -> GaitExperiment:
     alignment = get_alignment(trial.device) or 0.0
     motion = prepare_prescribed_motion(trial.prescribed, where, alignment=alignment)
     smoothed_motion = prepare_prescribed_motion(
-        trial.prescribed, where, cutoff=0.5 * CUTOFF_FREQUENCY_HZ, alignment=alignment
+        trial.prescribed, where, pass_cutoff=0.5 * PASS_CUTOFF_HZ, alignment=alignment
     )
     n_steps = float(int((motion.end_time - motion.start_time) / TIME_STEP + 1e-6))
     time: Array = motion.start_time + TIME_STEP * np.arange(n_steps)

@@ -31,9 +31,11 @@ from klute_sim.types import Array, Mask
 MAX_LEVER_DEVIATION = 0.3
 """Largest distance of the centre of pressure from its median position under the foot [m] (assumed: a foot is about as
 long)."""
-CUTOFF_FREQUENCY_HZ = 20.0
-"""Cutoff frequency of the low-pass filter for motion before differentiation [Hz] (assumed: above the usual 6 to 10 Hz
-for markers, so that less of a foot strike is lost)."""
+PASS_CUTOFF_HZ = 20.0
+"""Cutoff frequency of each pass, forward and backward, of the low-pass filter for motion before differentiation [Hz].
+
+Both passes together halve a motion at this frequency; their cutoff (-3 dB) is 0.802 of it, 16 Hz (assumed: above the
+usual 6 to 10 Hz for markers, so that less of a foot strike is lost)."""
 
 
 class PrescribedMotion(NamedTuple):
@@ -87,20 +89,20 @@ class PrescribedMotion(NamedTuple):
 
 
 def prepare_prescribed_motion(
-    channels: Mapping[str, TimeSeries], source: str, *, cutoff: float = CUTOFF_FREQUENCY_HZ, alignment: float = 0.0
+    channels: Mapping[str, TimeSeries], source: str, *, pass_cutoff: float = PASS_CUTOFF_HZ, alignment: float = 0.0
 ) -> PrescribedMotion:
     """Return the prescribed motion and load of a gait trial.
 
     ``channels`` are :data:`klute_sim.datasets.channels.PRESCRIBED_CHANNELS` of a gait trial, whose motion has at most
-    :data:`klute_sim.datasets.channels.MAX_MOTION_INTERVAL` between samples. Motion is low-pass filtered at ``cutoff``
-    [Hz]. ``alignment`` [rad] is that of the pylon to the limb, dorsiflexion positive; the shank
-    of a replay is the pylon. ``source`` names the trial in errors.
+    :data:`klute_sim.datasets.channels.MAX_MOTION_INTERVAL` between samples. Motion is low-pass filtered forward and
+    backward, with the cutoff ``pass_cutoff`` [Hz] in each pass. ``alignment`` [rad] is that of the pylon to the limb,
+    dorsiflexion positive; the shank of a replay is the pylon. ``source`` names the trial in errors.
 
     Raises InputError when the foot is never loaded, or its centre of pressure is unknown.
     """
     motion = {}
     for name in MOTION_CHANNELS:
-        motion[name] = _fit_low_pass_spline(channels[name], cutoff)
+        motion[name] = _fit_low_pass_spline(channels[name], pass_cutoff)
     shank = motion["shank_angle"]
     motion["shank_angle"] = CubicSpline(shank.x, shank(shank.x) - alignment)
     vertical, forward, cop = (channels[name] for name in ("grf_vertical", "grf_forward", "cop_x"))
@@ -148,11 +150,11 @@ def _compute_lever(time: Array, cop: TimeSeries, ankle_x: CubicSpline, is_loaded
     return np.asarray(np.interp(time, cop.time[is_known][is_under_foot], lever[is_under_foot]))
 
 
-def _fit_low_pass_spline(series: TimeSeries, cutoff: float) -> CubicSpline:
+def _fit_low_pass_spline(series: TimeSeries, pass_cutoff: float) -> CubicSpline:
     """Return a spline through the low-pass filtered samples at equal intervals."""
     interval = series.sampling_interval
     time = np.arange(series.time[0], series.time[-1] + 0.5 * interval, interval)
     values = np.interp(time, series.time, series.value)
     # Second-order sections: with a cutoff far below the sampling rate, a single long filter would be inexact.
-    sections = butter(2, cutoff * 2.0 * interval, output="sos")
+    sections = butter(2, pass_cutoff * 2.0 * interval, output="sos")
     return CubicSpline(time, sosfiltfilt(sections, values, padlen=min(len(values) - 1, round(0.1 / interval))))
