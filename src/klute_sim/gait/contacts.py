@@ -15,6 +15,9 @@ MIN_CONTACT_TIME = 0.15
 """Minimum duration of a contact [s]; a shorter one is noise or an impact."""
 MIN_GAP_TIME = 0.08
 """Minimum duration of a gap between two contacts [s]; a shorter one is noise."""
+MAX_SWING_TIME = 0.8
+"""Longest swing [s] between two contacts; a longer time without load is a step on no plate (assumed; a swing takes
+about 0.4 s)."""
 
 MIN_MISSING_SWING_TIME = 0.2
 """Minimum duration [s] of missing samples that are a swing (assumed)."""

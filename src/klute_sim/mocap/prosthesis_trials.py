@@ -13,7 +13,7 @@ import numpy as np
 from klute_sim.datasets.channels import MEASURED_CHANNELS
 from klute_sim.datasets.foot_load import find_loaded_samples, interpolate_load_mask
 from klute_sim.datasets.trial import TimeSeries
-from klute_sim.gait.contacts import Contact, find_contacts
+from klute_sim.gait.contacts import MAX_SWING_TIME, Contact, find_contacts
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics import filters, loads
 from klute_sim.mocap.kinematics.prosthesis_kinematics import ProsthesisKinematics, extract_kinematics
@@ -25,9 +25,6 @@ from klute_sim.mocap.parsing.sources import SourceFile
 from klute_sim.mocap.prosthesis_sensors import read_measurements
 from klute_sim.types import Array
 
-MAX_SWING_TIME = 0.8
-"""Longest swing [s] between two contacts; a longer time without load is a step on no plate (assumed; a swing takes
-about 0.4 s)."""
 TRIM_MARGIN = 0.3
 """Longest time [s] before the first and after the last contact that a trimmed trial keeps, in swing without load
 (assumed)."""
