@@ -51,6 +51,22 @@ def test_harmless_gaps_are_bridged(time: Array, length: Array, tmp_path: Path) -
     load_bench(tmp_path, time, length)
 
 
+def test_rows_of_a_driven_joint_are_missed(tmp_path: Path) -> None:
+    (tmp_path / "dataset.toml").write_text(
+        'format = "klute-sim-dataset/2"\nrig = "mjcf"\ndevice = "klute-3-4-pair"\nmodel = "antagonist_joint"\n'
+        'prescribed = ["angle_joint", "pressure_command_flexor", "pressure_command_extensor"]\n'
+        'measured = ["force_flexor"]\n[[trial]]\nfiles = ["a.csv"]\n'
+    )
+    is_present = ~((TIME >= 2.2) & (TIME <= 2.8))
+    time = TIME[is_present]
+    columns = {f"pressure_command_{tendon} [bar]": 3.0 + 0.0 * time for tendon in ("flexor", "extensor")}
+    columns |= {"angle_joint [deg]": 10.0 * np.sin(2.0 * np.pi * time), "force_flexor [N]": 300.0 + 10.0 * np.sin(time)}
+    write_trial(tmp_path / "a.csv", {"time [s]": time, **columns})
+    with pytest.raises(ImplausibleInputError, match="`angle_joint` has no samples between"):
+        load_dataset(tmp_path)
+    load_dataset(tmp_path, accept=["time-gap"])
+
+
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_dataset(tmp_path_factory.mktemp("walks") / "d", groups=("fit_1",), repeats=1, strides=3)
