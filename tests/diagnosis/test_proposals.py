@@ -5,12 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from klute_sim.bench.protocols.library import load_identification_protocols
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.diagnosis.planning.proposals import build_separation_setups, compute_separation, simulate_channels
+from klute_sim.diagnosis.planning.proposals import (
+    NOT_SEPARABLE,
+    RIG_CHANGES,
+    ExperimentProposal,
+    build_separation_setups,
+    choose_proposal,
+    compute_separation,
+    simulate_channels,
+)
 from tests.diagnosis.synthetic_dataset import make_repeats
 
 
@@ -30,3 +39,25 @@ def test_parameter_at_its_bound_is_refitted(bound: str) -> None:
     simulator.close()
     assert np.ptp([reading[0] for reading in readings]) > 10.0
     assert compute_separation(best, readings) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("unchanged", "changed", "chosen"),
+    [
+        (4.0, 7.5, 7.5),  # only the change is decisive
+        (6.0, 6.1, 6.1),
+        (4.0, 5.0, 5.0),  # nothing is decisive: the best separation is reported
+        (7.0, 13.0, 7.0),
+        (7.0, 15.0, 15.0),
+        (61.0, 200.0, 61.0),
+    ],
+)
+def test_change_of_the_rig_is_proposed_where_it_is_needed(unchanged: float, changed: float, chosen: float) -> None:
+    protocol = load_identification_protocols()["sines"]
+    proposals = [
+        ExperimentProposal(protocol, change, separation, ("force",))
+        for change, separation in ((RIG_CHANGES[0], unchanged), (RIG_CHANGES[3], changed))
+    ]
+    entry = choose_proposal(proposals).to_dict()
+    assert entry["separation_chi2"] == chosen
+    assert (entry["sentence"] == NOT_SEPARABLE) == (max(unchanged, changed) <= 6.0)

@@ -140,8 +140,8 @@ def propose_experiment(
 ) -> ExperimentProposal | None:
     """Return the protocol and change of the rig that separate ``best_fit`` from ``alternative`` best.
 
-    A change of the rig is proposed only if the separation without one is insufficient and at most half as large.
-    Returns None where ``device`` has no plan, or no protocol can be simulated.
+    :func:`choose_proposal` says when a change of the rig is proposed. Returns None where ``device`` has no plan, or no
+    protocol can be simulated.
     """
     try:
         check_has_plan(device)
@@ -171,10 +171,14 @@ _Proposal = TypeVar("_Proposal", bound=SeparatingProposal)
 
 
 def choose_proposal(proposals: Sequence[_Proposal]) -> _Proposal:
-    """Return the best of ``proposals``; a change of the rig only where it separates much better and is needed."""
+    """Return the best of ``proposals``, or the best one without a change of the rig, if that is nearly as good.
+
+    A change is needed where nothing else is decisive. Otherwise it must separate much better, from an insufficient
+    separation.
+    """
     unchanged = max((p for p in proposals if p.rig_change.is_none), key=lambda p: p.separation_chi2)
     best = max(proposals, key=lambda p: p.separation_chi2)
-    is_change_worthwhile = (
+    is_change_worthwhile = unchanged.separation_chi2 <= BIC_THRESHOLD or (
         best.separation_chi2 > MIN_SEPARATION_RATIO * unchanged.separation_chi2
         and unchanged.separation_chi2 < SUFFICIENT_SEPARATION
     )
