@@ -11,6 +11,8 @@ from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
+from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.diagnosis.planning.proposals import (
     NOT_SEPARABLE,
     RIG_CHANGES,
@@ -19,7 +21,9 @@ from klute_sim.diagnosis.planning.proposals import (
     choose_proposal,
     compute_separation,
     simulate_channels,
+    weight_predictions,
 )
+from klute_sim.diagnosis.selection.predictive_selection import weight_by_law_error
 from tests.diagnosis.synthetic_dataset import make_repeats
 
 
@@ -39,6 +43,23 @@ def test_parameter_at_its_bound_is_refitted(bound: str) -> None:
     simulator.close()
     assert np.ptp([reading[0] for reading in readings]) > 10.0
     assert compute_separation(best, readings) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_repeats_that_share_the_error_of_the_law_count_once() -> None:
+    trials = make_repeats([np.linspace(0.0, 500.0, 100)] * 2)
+    data = WeightedData(
+        Simulator(1),
+        trials,
+        estimate_noise_from_repeats(trials, [{"force": 3.0 * np.sin(np.arange(100) + k)} for k in (0, 2)]),
+    )
+    law = weight_by_law_error(data, trials, [{"force": np.tile([30.0, -30.0], 50)}] * 2)
+    fit = Fit(Hypothesis(load_device("klute-3-4-pair"), (), ()), np.zeros(0), np.zeros(1), np.zeros((1, 0)), True, [])
+    readings = [{"force": np.zeros(100)}, {"force": np.full(100, 30.0)}]
+    for weighted, n_repeats in ((data, 2), (law, 1)):
+        predictions = weight_predictions(weighted, 0.01, RIG_CHANGES[0], readings, readings, {})
+        weight = weighted.noise["force"].weight(0.01)
+        assert compute_separation(fit, predictions) == pytest.approx(n_repeats * 100 * (weight * 30.0) ** 2)
+    assert law.with_experiments(trials[:1]).has_law_error
 
 
 @pytest.mark.parametrize(

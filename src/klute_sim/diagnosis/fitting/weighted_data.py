@@ -1,7 +1,7 @@
 """Measured trials with the weights of their residuals, and what simulations say of them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,6 +26,8 @@ class WeightedData:
     """Channel -> noise; other channels are not weighted and do not count."""
     cache: FitCache | None = None
     """Cache of finished fits."""
+    has_law_error: bool = False
+    """Whether the noise contains the error of an imperfect law, which all repeats of a condition share."""
 
     @property
     def n_effective(self) -> float:
@@ -145,7 +147,7 @@ class WeightedData:
 
     def with_experiments(self, experiments: Sequence[Experiment]) -> "WeightedData":
         """Return other ``experiments`` with the same noise."""
-        return WeightedData(self.simulator, experiments, self.noise, self.cache)
+        return replace(self, experiments=experiments)
 
 
 def _has_same_samples(experiment: Experiment, other: Experiment) -> bool:

@@ -53,7 +53,7 @@ class GaitProposal(NamedTuple):
     rig_change: RigChange
     """Change of the instruments."""
     separation_chi2: float
-    """Chi squared, in independent samples of two repeats, by which the refitted models differ."""
+    """Chi squared, in the independent samples of all repeats, by which the refitted models differ."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``verdict.json``."""

@@ -32,8 +32,8 @@ MUSCLE_LENGTH_NOISE = 2e-5
 """Noise of a muscle-length sensor that is not installed yet [m] (assumed)."""
 ADDED_NOISE = {"muscle_length": MUSCLE_LENGTH_NOISE}
 """Noise of channels that a change of the rig adds [SI]."""
-N_REPEATS = 2.0
-"""Number of repeats of the proposed experiment."""
+N_REPEATS = 2
+"""Number of repeats of the proposed experiment; they count once where they share the error of an imperfect law."""
 MIN_SEPARATION_RATIO = 2.0
 """Separation with a change of the rig over that without, above which the change is proposed."""
 NOT_SEPARABLE = (
@@ -98,7 +98,7 @@ class ExperimentProposal(NamedTuple):
     rig_change: RigChange
     """Change of the rig."""
     separation_chi2: float
-    """Chi squared, in independent samples of two repeats, by which the refitted models differ."""
+    """Chi squared, in the independent samples of all repeats, by which the refitted models differ."""
     channels: tuple[str, ...]
     """Channels in which they differ: those of the data and of the change of the rig."""
     settings: ProtocolSettings | None = None
@@ -254,8 +254,9 @@ def weight_predictions(
 ) -> list[Array]:
     """Return one vector of weighted predictions per setup: existing channels, and those that the change adds.
 
-    ``added_noise`` [SI] is that of the added channels.
+    The weights are those of all repeats together. ``added_noise`` [SI] is that of the added channels.
     """
+    scale = np.sqrt(1 if data.has_law_error else N_REPEATS)
     predictions = []
     for observed_row, true_row in zip(observed, true_values, strict=True):
         parts = []
@@ -267,7 +268,7 @@ def weight_predictions(
         for channel in rig_change.added_channels:
             correlation_time = max(noise.correlation_time(sampling_interval) for noise in data.noise.values())
             parts.append(true_row[channel] / (added_noise[channel] * np.sqrt(correlation_time)))
-        predictions.append(np.concatenate(parts))
+        predictions.append(scale * np.concatenate(parts))
     return predictions
 
 
@@ -279,9 +280,8 @@ def compute_separation(best_fit: Fit, predictions: list[Array]) -> float:
     current, *perturbed, alternative = predictions
     steps = compute_difference_steps(best_fit.hypothesis, best_fit.x)
     jacobian = (np.reshape(perturbed, (len(steps), len(current))) - current).T / steps
-    scale = np.sqrt(N_REPEATS)
-    matrix = np.concatenate([scale * jacobian, best_fit.jacobian])
-    target = np.concatenate([scale * (alternative - current), np.zeros(len(best_fit.jacobian))])
+    matrix = np.concatenate([jacobian, best_fit.jacobian])
+    target = np.concatenate([alternative - current, np.zeros(len(best_fit.jacobian))])
     solution = np.linalg.lstsq(matrix, target, rcond=None)[0]
     residual = target - matrix @ solution
     return float(residual @ residual)

@@ -352,7 +352,7 @@ def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], r
             if new:
                 kept.append(e if len(new) == len(e.measured) else replace(e, measured=new))
                 counted |= new.keys()
-    return WeightedData(data.simulator, kept, noise, data.cache)
+    return WeightedData(data.simulator, kept, noise, data.cache, has_law_error=True)
 
 
 def _count_samples(experiment: Experiment) -> int:
