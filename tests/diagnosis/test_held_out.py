@@ -342,6 +342,23 @@ def test_one_device_is_recommended(
     assert sentences == [held_out.RECOMMENDATIONS[name] for name in [recommended] if name != "with-effects"]
 
 
+@pytest.mark.parametrize(("nominal", "recommended"), [(10.0, "as-declared"), (50.0, "without-effects")])
+def test_declared_device_is_compared_with_the_one_that_a_divergence_leaves(
+    nominal: float, recommended: str, dataset: datasets.Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The effects help in one test trial and diverge in another one, which leaves the refitted device."""
+    diagnosis = make_diagnosis(dataset, "identified", nominal=nominal, refitted=12.0, with_effects=5.0)
+    diagnosis.added_terms = (EffectTerm("braid_hysteresis", "proportional"),)
+    diagnosis.diverged_trials = {FINAL_MODEL: ("test_1_a",)}
+    monkeypatch.setattr(held_out, "_compute_residuals", lambda *_: (cast(Any, SimpleNamespace(experiments=[])), []))
+    monkeypatch.setattr(held_out, "estimate_misfit", lambda *_: {})
+    monkeypatch.setattr(held_out, "exercises_effects", lambda *_: True)
+    held_out.evaluate_held_out(diagnosis, cast(Any, SimpleNamespace(noise={})))
+    assert diagnosis.recommended_device == recommended
+    assert "diverges" in diagnosis.reasons[0]
+    assert ("predicts better than with the refitted numbers" in diagnosis.reasons[1]) == (recommended == "as-declared")
+
+
 @pytest.mark.parametrize(("has_misfit", "verdict"), [(False, "identified"), (True, "unexplained")])
 def test_quantized_channel_is_no_name_for_a_misfit_of_the_test_trials(
     has_misfit: bool, verdict: str, dataset: datasets.Dataset, monkeypatch: pytest.MonkeyPatch

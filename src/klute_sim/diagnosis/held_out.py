@@ -67,9 +67,9 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
             )
         if diagnosis.added_terms:
             record_confirmation(diagnosis, is_exercised=exercises_effects(diagnosis, evaluated, residuals))
-        if NOMINAL_MODEL not in diagnosis.diverged_trials:
-            record_declared_advantage(diagnosis)
     record_divergence(diagnosis)
+    if diagnosis.evaluated_on == "test" and NOMINAL_MODEL not in diagnosis.diverged_trials:
+        record_declared_advantage(diagnosis)
     if diagnosis.recommended_device in RECOMMENDATIONS:
         diagnosis.reasons.append(RECOMMENDATIONS[diagnosis.recommended_device])
     if diagnosis.verdict == "unexplained":  # proxies have no alternatives
@@ -281,7 +281,7 @@ def record_declared_advantage(diagnosis: Diagnosis) -> None:
         clauses.append(f"'{channel}' by {gap.nominal / si:.3g} instead of {getattr(gap, case) / si:.3g} {unit} rms")
     model = "with the refitted numbers" if case == "refitted" or not diagnosis.added_terms else "with the added effects"
     diagnosis.reasons.insert(
-        0,
+        1 if diagnosis.diverged_trials else 0,  # that a simulation diverges stays the first reason
         f"On the test trials the device as declared predicts better than {model}: it misses {', '.join(clauses)}. The "
         "fitted numbers do not hold there.",
     )
