@@ -100,6 +100,9 @@ def test_equivalent_models_deny_a_misfit_of_the_test_trials_unless_one_explains_
     evaluated = data.with_experiments([e for e in experiments if e.use == "test"])
     diagnosis = make_diagnosis(distorted, "indistinguishable")
     diagnosis.equivalent_models = [EquivalentModel(base, 1.0)]
+    diagnosis.fitted_experiments, diagnosis.noise, diagnosis.final_fit = list(data.experiments), dict(data.noise), base
+    assert not denies_misfit(diagnosis, evaluated)  # the named model leaves a misfit in the fitted trials already
+    diagnosis.final_fit = gain
     assert denies_misfit(diagnosis, evaluated)
     diagnosis.prediction = cast(Any, object())  # the law is imperfect: no model reached the noise before
     assert not denies_misfit(diagnosis, evaluated)

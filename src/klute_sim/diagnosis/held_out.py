@@ -118,14 +118,22 @@ def _select_unseen(diagnosis: Diagnosis, misfits: Mapping[str, Misfit]) -> dict[
 def denies_misfit(diagnosis: Diagnosis, evaluated: WeightedData) -> bool:
     """Return whether the verdict of ``diagnosis`` says that its model reaches the noise, and no other model does so.
 
-    `indistinguishable` stays where one of the equivalent models explains the ``evaluated`` trials, or where no model
-    reached the noise on the other trials either.
+    `indistinguishable` stays where one of the equivalent models explains the ``evaluated`` trials, or where some of
+    the models did not reach the noise on the fitted trials either.
     """
     if diagnosis.verdict != "indistinguishable":
         return diagnosis.verdict in DEMOTED_VERDICTS
-    return diagnosis.prediction is None and all(
-        _leaves_misfit(diagnosis, evaluated, model.fit) for model in diagnosis.equivalent_models
-    )
+    if diagnosis.prediction is not None or _has_misfit_of_fitted_trials(diagnosis):
+        return False
+    return all(_leaves_misfit(diagnosis, evaluated, model.fit) for model in diagnosis.equivalent_models)
+
+
+def _has_misfit_of_fitted_trials(diagnosis: Diagnosis) -> bool:
+    """Return whether the final model leaves a relevant misfit in the fitted trials."""
+    assert diagnosis.final_fit is not None
+    misfits = estimate_misfit(diagnosis.fitted_experiments, diagnosis.final_fit.residuals, diagnosis.noise)
+    tolerance = diagnosis.dataset.tolerance
+    return any(is_significant(misfit) and misfit.rms > tolerance.get(name, 0.0) for name, misfit in misfits.items())
 
 
 def _leaves_misfit(diagnosis: Diagnosis, evaluated: WeightedData, fit: Fit) -> bool:
