@@ -201,6 +201,31 @@ def test_declared_device_is_recommended_where_refitted_numbers_do_not_hold(
     assert "predicts better than with the refitted numbers: it misses 'force' by 20 instead" in diagnosis.reasons[0]
 
 
+@pytest.mark.parametrize("noise_floor", [0.0, None])
+@pytest.mark.parametrize(
+    ("gaps", "held_out", "recommended"),
+    [
+        ((0.0, 0.0, 0.0), "not-tested", "with-effects"),
+        ((5.0, 0.0, 0.0), "not-tested", "with-effects"),
+        ((5.0, 0.0, 2.0), "not-confirmed", "without-effects"),
+        ((0.0, 5.0, 5.0), "not-confirmed", "as-declared"),
+    ],
+)
+def test_gap_of_zero_is_no_unit_of_other_gaps(
+    gaps: tuple[float, float, float],
+    held_out: str,
+    recommended: str,
+    noise_floor: float | None,
+    dataset: datasets.Dataset,
+) -> None:
+    names = ("nominal", "refitted", "with_effects")
+    diagnosis = make_diagnosis(dataset, "identified", noise_floor=noise_floor, **dict(zip(names, gaps, strict=True)))
+    diagnosis.added_terms = (EffectTerm("braid_hysteresis", "proportional"),)
+    record_confirmation(diagnosis)
+    record_declared_advantage(diagnosis)
+    assert (diagnosis.held_out, diagnosis.recommended_device) == (held_out, recommended)
+
+
 @pytest.mark.parametrize(
     ("diverged", "has_effects", "verdict", "held_out", "is_worse"),
     [

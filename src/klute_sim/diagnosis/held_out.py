@@ -244,6 +244,8 @@ def record_confirmation(diagnosis: Diagnosis, *, is_exercised: bool = True) -> N
         for gap in diagnosis.channel_rms.values()
         if gap.noise_floor
     ] or _compare_without_noise(diagnosis)
+    if not squares:  # no model leaves a gap
+        return
     refitted, with_effects = np.sum(squares, axis=0)
     diagnosis.is_worse_on_test = bool(with_effects > refitted + NEGLIGIBLE_GAP * len(squares))
     max_remaining = MAX_REMAINING_FRACTION
@@ -277,8 +279,10 @@ def record_declared_advantage(diagnosis: Diagnosis) -> None:
     """
     case = "refitted" if diagnosis.is_worse_on_test else "with_effects"
     gaps = [(gap.nominal, getattr(gap, case), gap.noise_floor) for gap in diagnosis.channel_rms.values()]
-    known = [gap for gap in gaps if gap[2]]
-    squares = [np.square([nominal, fitted]) / (noise or fitted) ** 2 for nominal, fitted, noise in known or gaps]
+    known = [gap for gap in gaps if gap[2]] or [gap for gap in gaps if gap[0] or gap[1]]
+    squares = [np.square([nominal, fitted]) / (noise or fitted or nominal) ** 2 for nominal, fitted, noise in known]
+    if not squares:  # no model leaves a gap
+        return
     declared, fitted = np.sum(squares, axis=0)
     if declared + NEGLIGIBLE_GAP * len(squares) >= fitted * (1.0 - MIN_DECLARED_ADVANTAGE) ** 2:
         return
@@ -297,9 +301,14 @@ def record_declared_advantage(diagnosis: Diagnosis) -> None:
 
 def _compare_without_noise(diagnosis: Diagnosis) -> list[Array]:
     """Return squared gaps, refitted and with effects, over the refitted one, of the channels that effects change."""
-    gaps = list(diagnosis.channel_rms.values())
-    changed = [gap for gap in gaps if abs(gap.with_effects / gap.refitted - 1.0) > MIN_CHANGE]
-    return [np.square([gap.refitted, gap.with_effects]) / gap.refitted**2 for gap in changed or gaps]
+    gaps = [(gap.refitted, gap.with_effects) for gap in diagnosis.channel_rms.values()]
+    gaps = [(refitted, with_effects) for refitted, with_effects in gaps if refitted or with_effects]
+    changed = [
+        (refitted, with_effects)
+        for refitted, with_effects in gaps
+        if abs(with_effects - refitted) > MIN_CHANGE * refitted
+    ]
+    return [np.square(gap) / (gap[0] or gap[1]) ** 2 for gap in changed or gaps]
 
 
 def _compute_residuals(result: Diagnosis, data: WeightedData) -> tuple[WeightedData, Residuals]:
