@@ -172,6 +172,19 @@ def test_without_a_protocol_to_fit_the_split_decides(tmp_path: Path) -> None:
     assert dataset.split_dataset(data).fit == ("mixed_a", "mixed_b")
 
 
+@pytest.mark.parametrize(
+    ("names", "uses"),
+    [
+        (("steps", "ramps", "hold"), [None, None, None]),
+        (("steps", "ramps", "sines"), [None, None, None]),
+        (("steps", "sines"), ["fit", "validation"]),  # too few groups for the split to reserve one
+        (("steps", "hold", "mixed"), ["fit", "fit", "test"]),
+    ],
+)
+def test_without_a_protocol_to_test_the_split_decides(names: tuple[str, ...], uses: list[str | None]) -> None:
+    assert measurement_plan.assign_uses([PROTOCOLS[name] for name in names]) == uses
+
+
 @pytest.mark.parametrize("name", list_presets())
 def test_dataset_file_is_valid_for_all_presets(name: str) -> None:
     from klute_sim.datasets import format as file_format

@@ -48,7 +48,7 @@ def test_simulated_plan_is_a_dataset_that_the_device_explains(tmp_path: Path) ->
 def test_plan_of_a_free_load_has_one_device_and_a_position(tmp_path: Path) -> None:
     plan = plan_joint_measurements("klute-3-4-pair", model="hanging_mass", only=["sines"])
     assert plan.plan.measured == ("position_guide", "pressure_muscle")
-    assert {trial["use"] for trial in plan.to_dict()["trials"]} == {"fit"}
+    assert {trial["use"] for trial in plan.to_dict()["trials"]} == {None}
     folder = plan.save(tmp_path / "plan")
     assert 'prescribed = ["pressure_command_muscle"]' in (folder / "dataset.toml").read_text()
     heading = (folder / "sine_1Hz.csv").read_text().splitlines()[0]
@@ -85,3 +85,14 @@ def test_mistakes_are_one_sentence(tmp_path: Path) -> None:
     done = run("--load", "-2", "--out", "plan", cwd=tmp_path)
     assert done.returncode == 2
     assert "--load belongs to a joint; name its model with --model" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("tests", "uses"), [(["steps"], {None}), (["steps", "sines"], {None}), (["steps", "multisine"], {"fit", "test"})]
+)
+def test_plan_reserves_trials_for_the_test(tests: list[str], uses: set[str | None], tmp_path: Path) -> None:
+    plan = plan_joint_measurements(only=tests, simulate=tests == ["steps"])
+    assert {trial["use"] for trial in plan.to_dict()["trials"]} == uses
+    if plan.simulate:
+        split = split_dataset(load_dataset(plan.save(tmp_path / "plan")))
+        assert (len(split.fit), len(split.validation), len(split.test)) == (4, 2, 2)

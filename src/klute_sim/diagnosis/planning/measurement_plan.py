@@ -9,6 +9,7 @@ import numpy as np
 from klute_sim.bench.protocols.identification import IdentificationProtocol, Program
 from klute_sim.bench.protocols.library import load_identification_protocols
 from klute_sim.datasets.format import FORMAT_NAME
+from klute_sim.datasets.split import MIN_GROUPS_FOR_TEST
 from klute_sim.datasets.trial import Use
 from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import Device, check_accepts_pressure, check_is_testable
@@ -67,9 +68,17 @@ def check_has_plan(device: Device) -> None:
 
 
 def assign_uses(protocols: Sequence[IdentificationProtocol]) -> list[Use | None]:
-    """Return the use of each protocol's trials; None (decided by the split) where no trial would remain to fit."""
+    """Return the use of each protocol's trials; None where :func:`is_complete_split` leaves it to the split."""
     uses = [protocol.use for protocol in protocols]
-    return list(uses) if "fit" in uses else [None] * len(uses)
+    return list(uses) if is_complete_split(uses) else [None] * len(uses)
+
+
+def is_complete_split(uses: Sequence[Use]) -> bool:
+    """Return whether ``uses`` of groups leave groups to fit, and to test where there are enough of them.
+
+    Otherwise the split of the dataset decides.
+    """
+    return "fit" in uses and ("test" in uses or len(uses) < MIN_GROUPS_FOR_TEST)
 
 
 def list_recording_files(protocol: IdentificationProtocol, n_repeats: int) -> list[str]:

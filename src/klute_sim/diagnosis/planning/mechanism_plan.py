@@ -17,6 +17,7 @@ from klute_sim.diagnosis.planning.measurement_plan import (
     DEFAULT_UNCERTAINTIES,
     PRESSURE_NOISE_BAR,
     SIMULATED_NOTE,
+    is_complete_split,
     list_repeat_files,
 )
 from klute_sim.mechanism.assembly import Mechanism
@@ -81,8 +82,8 @@ class MechanismPlan:
         return {tendon: "device.toml" if are_equal else f"device-{tendon}.toml" for tendon in self.devices}
 
     def assign_use(self, test: str) -> Use | None:
-        """Return the use of the trials of ``test``; None (decided by the split) where no trial would remain to fit."""
-        return TEST_USES[test] if any(TEST_USES[other] == "fit" for other, _ in self.trials) else None
+        """Return the use of the trials of ``test``; None where :func:`is_complete_split` leaves it to the split."""
+        return TEST_USES[test] if is_complete_split([TEST_USES[other] for other, _ in self.trials]) else None
 
     def make_commands(self, trial: JointTrial) -> tuple[Array, dict[str, Array]]:
         """Return time [s] and prescribed channels [SI] of ``trial``, with the resolution of the command file."""
