@@ -178,3 +178,52 @@ def test_effect_that_test_trials_do_not_show_is_as_large_as_in_the_fitted_ones(d
     assert unseen.nothing_missing == pytest.approx(confirmed.nothing_missing, abs=0.1)
     blind = estimate_probabilities(replace(diagnosis, held_out="confirmed", channel_rms={}))
     assert blind.nothing_missing > unseen.nothing_missing + 0.2
+
+
+FRICTION, GAIN = EffectTerm("seal_friction", "coulomb"), EffectTerm("sensor_gain", "linear", "force")
+RADIUS = EffectTerm("number_error", "value", number="muscle.bladder_radius_mm")
+
+
+@pytest.mark.parametrize(
+    ("has_uncertain_numbers", "term", "content"),
+    [
+        (True, FRICTION, "the refitted numbers and the effects"),
+        (True, GAIN, "the refitted numbers"),
+        (False, GAIN, "the device as declared"),
+        (False, RADIUS, "the refitted numbers"),
+        (False, RADIUS._replace(specimen="a"), "the device as declared"),
+        (False, FRICTION, "the effects"),
+    ],
+)
+def test_device_file_holds_what_was_found_of_the_device(
+    diagnosis: Diagnosis, has_uncertain_numbers: bool, term: EffectTerm, content: str
+) -> None:
+    hypothesis = diagnosis.base_fit.hypothesis
+    base = replace(hypothesis, uncertainties=hypothesis.uncertainties if has_uncertain_numbers else ())
+    fits = [
+        replace(diagnosis.base_fit, hypothesis=each, x=each.initial_point()) for each in (base, base.with_term(term))
+    ]
+    found = replace(diagnosis, base_fit=fits[0], final_fit=fits[1], added_terms=(term,))
+    assert f"device.toml in this folder holds {content}; 'klute-sim bench steps " in words.describe_next_step(found)
+    declared = replace(found, is_declared_best=True)
+    assert "holds the device as declared;" in words.describe_next_step(declared)
+    worse = words.describe_next_step(replace(found, is_worse_on_test=True))
+    assert ("the refitted numbers;" in worse) == has_uncertain_numbers
+    assert "effects" not in worse
+
+
+def test_files_of_a_mechanism_are_described_by_their_content(diagnosis: Diagnosis) -> None:
+    joint = replace(diagnosis, dataset=replace(diagnosis.dataset, rig="mjcf"))
+    for recommended, content in (
+        (joint, "the refitted numbers and the effects"),
+        (replace(joint, is_worse_on_test=True), "the refitted numbers"),
+        (replace(joint, is_declared_best=True), "what was declared"),
+    ):
+        assert words.describe_next_step(recommended).endswith(f"and of the model in this folder hold {content}.")
+
+
+def test_protocol_that_the_device_allows_is_recommended(diagnosis: Diagnosis, tmp_path: Path) -> None:
+    tendon = "slack_length_mm = 100.0\nstiffness_1_n_per_mm = 30.0\nstiffness_2_n_per_mm = 20.0\nengagement_mm = 4.0\n"
+    (tmp_path / "part.toml").write_text(f'name = "part"\ndescription = "alone"\n[tendon]\n{tendon}')
+    alone = replace(diagnosis, fitted_device=load_device(tmp_path / "part.toml"))
+    assert "'klute-sim bench ramps device.toml'" in words.describe_next_step(alone)

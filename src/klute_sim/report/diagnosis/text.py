@@ -17,6 +17,7 @@ from klute_sim.diagnosis.localization.equation_residuals import (
     EquationResidual,
     select_significant_equations,
 )
+from klute_sim.diagnosis.planning.measurement_plan import select_protocols
 from klute_sim.diagnosis.probability import estimate_probabilities
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.effects import catalogue
@@ -298,17 +299,30 @@ def describe_weights(diagnosis: Diagnosis) -> str:
 
 
 def describe_next_step(diagnosis: Diagnosis) -> str:
-    """Return in one sentence what the device file of the diagnosis is for; '' if nothing was fitted."""
-    if diagnosis.fitted_device is None:
+    """Return in one sentence what the files of the diagnosis are for; '' if nothing was fitted."""
+    device = diagnosis.fitted_device
+    if device is None:
         return ""
+    content = _describe_content_of_files(diagnosis)
     if diagnosis.dataset.rig == "mjcf":
-        return "Use: the files of the devices and of the model in this folder hold the fitted numbers and the effects."
-    content = {
-        "as-declared": "the device as declared",
-        "without-effects": "the refitted numbers",
-        "with-effects": "the refitted numbers and the effects" if diagnosis.added_terms else "the refitted numbers",
-    }[diagnosis.recommended_device]
-    return f"Use: device.toml in this folder holds {content}; 'klute-sim bench steps device.toml' simulates it."
+        return f"Use: the files of the devices and of the model in this folder hold {content}."
+    protocol = select_protocols((), device)[0].name
+    return f"Use: device.toml in this folder holds {content}; 'klute-sim bench {protocol} device.toml' simulates it."
+
+
+def _describe_content_of_files(diagnosis: Diagnosis) -> str:
+    """Return what the recommended device holds; faults of instruments and numbers of one specimen are not in it."""
+    declared = "what was declared" if diagnosis.dataset.rig == "mjcf" else "the device as declared"
+    if diagnosis.recommended_device == "as-declared":
+        return declared
+    fit = diagnosis.recommended_fit
+    parts = []
+    if fit.hypothesis.collect_numbers(fit.values) or fit.hypothesis.collect_mechanism_numbers(fit.values):
+        parts.append("the refitted numbers")
+    terms = diagnosis.list_added_terms(fit)
+    if any(t.effect_definition.kind in ("device", "body", "mechanism") and not t.channel for t in terms):
+        parts.append("the effects")
+    return join_words(parts) or declared
 
 
 def _format_equation(residual: EquationResidual, diagnosis: Diagnosis) -> str:
