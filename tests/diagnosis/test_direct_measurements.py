@@ -102,6 +102,40 @@ def test_number_of_a_model_has_its_unit() -> None:
     assert "Weigh the part: 1.08 kg confirms" in weight.to_dict()["sentence"]
 
 
+@pytest.mark.parametrize(
+    ("term", "value", "words"),
+    [
+        (
+            EffectTerm("return_spring_error", "rest"),
+            3.0,
+            "further in dorsiflexion the unloaded ankle rests than the return spring of the model:",
+        ),
+        (
+            EffectTerm("number_error", "value", number="muscle.bladder_radius_mm"),
+            6.8,
+            "half the outer diameter of the bladder with calipers:",
+        ),
+        (TURNS, 8.8, "and divide by its length in metres:"),
+        (EffectTerm("rod_side_area", "single_rod"), 9.0, "take 0 if it passes through both ends:"),
+        (
+            EffectTerm("return_spring_error", "stiffness"),
+            1.2,
+            "divide its stiffness by that of the model:",
+        ),
+    ],
+)
+def test_measured_quantity_is_the_one_that_is_expected(term: EffectTerm, value: float, words: str) -> None:
+    (measurement,) = list_measurements([make_fit(), make_fit((term, (value,)))])
+    assert words in measurement.to_dict()["sentence"]
+
+
+def test_number_of_turns_that_a_person_counts_is_that_of_a_twentieth() -> None:
+    turns = DEVICE.spec.collect_values()["muscle.turns_per_m"]
+    (count,) = list_measurements([make_fit(), make_fit((TURNS, (1.05 * turns,)))])
+    n_turns = turns * 1e-3 * DEVICE.spec.collect_values()["muscle.resting_length_mm"]
+    assert count.accuracy / turns * n_turns >= 0.05 / np.sqrt(12.0)
+
+
 def test_methods_belong_to_numbers_and_parameters_that_exist() -> None:
     known = {
         key for name in ("klute-3-4-pair", "klute-1-1-4-pair-valve") for key in load_device(name).spec.collect_values()
