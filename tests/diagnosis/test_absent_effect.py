@@ -80,6 +80,7 @@ def test_effect_beside_one_that_may_be_absent_is_identified_in_part(monkeypatch:
     partial = remove_absent_effects(selected, 0)
     assert (partial.verdict, partial.final_fit, len(partial.reasons)) == ("identified-in-part", restarted, 2)
     assert (partial.has_converged, partial.equation_residuals) == (False, [restarted])
+    assert partial.absent_terms == (GAIN,)
     assert partial.reasons[1] == found[1]
     assert "was found, too, and is left out: its 95 % interval" in partial.reasons[0]
     intervals["after"] = [(-1.0, 60.0)]

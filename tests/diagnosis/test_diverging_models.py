@@ -58,7 +58,12 @@ def test_error_of_a_diverging_model_is_null(result: PredictiveResult, tmp_path: 
 def test_sentences_say_that_a_simulation_diverges(result: PredictiveResult) -> None:
     step = SelectionStep(make_fit(chi2=9.0), (), (make_fit(TAPER, chi2=np.inf),), None, {}, "")
     diagnosis = SimpleNamespace(
-        added_terms=(), equivalent_models=[], selection_history=[step], prediction=result, n_independent=100.0
+        added_terms=(),
+        absent_terms=(),
+        equivalent_models=[],
+        selection_history=[step],
+        prediction=result,
+        n_independent=100.0,
     )
     rejections = {rejection.term: rejection.reason for rejection in list_rejections(cast(Any, diagnosis))}
     assert rejections == {TAPER: DIVERGENCE_REASON, FRICTION: "a simulation diverges in a prediction"}

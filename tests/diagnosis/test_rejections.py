@@ -9,6 +9,7 @@ from klute_sim.device.device import load_device
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.rejections import list_rejections
+from klute_sim.diagnosis.selection.forward_selection import SelectionStep
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 
 VALVE, LAG = EffectTerm("choked_valve", "downstream"), EffectTerm("pressure_lag", "first_order")
@@ -36,7 +37,12 @@ def test_reason_tells_a_better_prediction_from_a_worse_one() -> None:
     ]
     result = PredictiveResult(base, chosen, [], models, {VALVE: 1.0}, 0.986, 0.0, "condition", 4)
     diagnosis = SimpleNamespace(
-        added_terms=(VALVE,), equivalent_models=[], selection_history=[], prediction=result, n_independent=100.0
+        added_terms=(VALVE,),
+        absent_terms=(),
+        equivalent_models=[],
+        selection_history=[],
+        prediction=result,
+        n_independent=100.0,
     )
     reasons = {rejection.term: rejection.reason for rejection in list_rejections(cast(Any, diagnosis))}
     assert reasons == {
@@ -51,4 +57,22 @@ def test_reason_tells_a_better_prediction_from_a_worse_one() -> None:
         ),
         DROOP: "the squared error of prediction changes by -50 %; the chosen model predicts as well or better",
         HOSE: "the squared error of prediction changes by -40 %; hose has 'length_m' at its bound, 20",
+    }
+
+
+def test_effect_that_may_be_absent_is_no_effect_that_the_model_does_without() -> None:
+    fit = make_model(VALVE, DELAY, error=1.0).fit
+    steps = [SelectionStep(fit, (), (), term, {}, "BIC falls by 20") for term in (VALVE, DELAY, HOSE)]
+    diagnosis = SimpleNamespace(
+        added_terms=(VALVE,),
+        absent_terms=(DELAY,),
+        equivalent_models=[],
+        selection_history=steps,
+        prediction=None,
+        n_independent=100.0,
+    )
+    reasons = {rejection.term: rejection.reason for rejection in list_rejections(cast(Any, diagnosis))}
+    assert reasons == {
+        DELAY: "it was found, too, but its 95 % interval contains its absence: the repeats do not prove it",
+        HOSE: "it was added first, but the final model explains the data as well without it",
     }

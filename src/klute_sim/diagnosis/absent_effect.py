@@ -64,6 +64,7 @@ def remove_absent_effects(selected: FinalModel, seed: int) -> FinalModel:
             confidence_intervals=intervals,
             equation_residuals=compute_equation_residuals(selected.data, fit),
             has_converged=has_converged,
+            absent_terms=(*selected.absent_terms, term),
         )
         found = find_term_without_effect(fit, intervals)
     return selected._replace(verdict="identified-in-part", reasons=[*reasons, *selected.reasons])

@@ -18,6 +18,7 @@ from klute_sim.diagnosis.discrepancy.imitation import compare_with_data_driven_m
 from klute_sim.diagnosis.discrepancy.sparse_regression import add_data_driven_term
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.imperfect_law import ImperfectLawDecision, compute_jackknife_intervals
@@ -55,6 +56,8 @@ class FinalModel(NamedTuple):
     equation_residuals: list[EquationResidual]
     has_converged: bool
     prediction: PredictiveResult | None = None
+    absent_terms: tuple[EffectTerm, ...] = ()
+    """Effects that were found and left out, because their interval contains their absence."""
 
 
 def select_adequate_model(

@@ -48,6 +48,9 @@ def list_rejections(diagnosis: Diagnosis) -> list[Rejection]:
             rejections[key] = rejection
         if step.added_term is not None:
             rejections[step.added_term.identity] = Rejection(step.added_term, _explain_removal(diagnosis))
+    for term in diagnosis.absent_terms:
+        reason = "it was found, too, but its 95 % interval contains its absence: the repeats do not prove it"
+        rejections[term.identity] = Rejection(term, reason)
     if diagnosis.prediction is not None:
         rejections |= _explain_prediction(diagnosis.prediction)
     for key in equivalent & rejections.keys():

@@ -78,6 +78,8 @@ class Diagnosis:
     """Fit with the accepted effects."""
     added_terms: tuple[EffectTerm, ...] = ()
     """Added effects; a data-driven term, if any, is the last."""
+    absent_terms: tuple[EffectTerm, ...] = ()
+    """Effects that were found and left out, because their interval contains their absence."""
     confidence_intervals: list[tuple[float, float]] = field(default_factory=list)
     """95 % confidence intervals of the parameters of the final fit."""
     equivalent_models: list[EquivalentModel] = field(default_factory=list)

@@ -176,6 +176,7 @@ def _run_workflow(
         base_fit=selected.base_fit,
         final_fit=final_fit,
         added_terms=final_fit.hypothesis.terms,
+        absent_terms=selected.absent_terms,
         confidence_intervals=selected.confidence_intervals,
         equivalent_models=equivalent_models,
         prediction=selected.prediction,
