@@ -153,12 +153,14 @@ def test_page_lists_what_was_not_examined(html: str) -> None:
 
 def test_every_verdict_has_a_page(diagnosis: Diagnosis) -> None:
     unexplained = replace(diagnosis, verdict="unexplained")
+    unrepeated = replace(diagnosis, verdict="insufficient-data")
     for variant, sentence in [
         (diagnosis, "The simulated device lacks braid hysteresis (Coulomb)."),
         (
             unexplained,
             "the deviation is not fully explained; braid hysteresis (Coulomb) comes closest, as a proxy",
         ),
+        (unrepeated, "braid hysteresis (Coulomb) would explain the deviation."),
         (replace(without_effects(diagnosis), verdict="unexplained"), "no candidate effect explains the deviation."),
         (replace(without_effects(diagnosis), verdict="nothing-missing"), "Nothing is missing"),
         (insufficient(diagnosis), "The data are insufficient to decide whether the simulation lacks an effect."),
@@ -169,7 +171,8 @@ def test_every_verdict_has_a_page(diagnosis: Diagnosis) -> None:
         assert f"Verdict: {variant.verdict}" in answer
         assert all(words.format_sentence(reason) in text_of(html) for reason in variant.reasons)
         assert ('id="effects"' in html) == bool(variant.added_terms)
-        assert ("(a proxy)" in html) == (variant is unexplained)
+        assert ("(a proxy)" in html) == (variant in (unexplained, unrepeated))
+        assert ("Proxies: effects that come closest" in text_of(html)) == (variant in (unexplained, unrepeated))
         assert ('id="gap"' in html) == (variant.final_fit is not None)
 
 

@@ -137,6 +137,11 @@ class Diagnosis:
         return fit.hypothesis.terms[n_known:]
 
     @property
+    def has_proxies(self) -> bool:
+        """Whether added effects, if there are any, only stand for what is missing."""
+        return self.verdict in ("unexplained", "insufficient-data")
+
+    @property
     def evaluated_experiments(self) -> list[Experiment]:
         """Trials of :attr:`channel_rms`."""
         diverged = {name for names in self.diverged_trials.values() for name in names}

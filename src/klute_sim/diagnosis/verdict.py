@@ -190,7 +190,7 @@ def _list_effect_entries(
         entry |= _list_owners(term)
         if term.effect_definition.data_driven:
             entry |= {"data_driven": True, "formula": format_formula(final_fit)}
-        elif diagnosis.verdict in ("unexplained", "insufficient-data"):
+        elif diagnosis.has_proxies:
             entry["proxy"] = True
         entries.append(entry)
     effect = instrument.QUANTIZATION

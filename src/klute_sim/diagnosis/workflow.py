@@ -203,7 +203,7 @@ def _run_workflow(
         )
     progress(0.95, "evaluating the test trials")
     evaluate_held_out(diagnosis, search.data)
-    if diagnosis.verdict not in ("unexplained", "insufficient-data"):  # proxies show no effect
+    if not diagnosis.has_proxies:  # proxies show no effect
         diagnosis.reasons += describe_undetermined_parameters(fit, selected.confidence_intervals)
     diagnosis.reasons += describe_tested_candidates(options.only, options.exclude)
     diagnosis.n_simulations = simulator.n_rollouts

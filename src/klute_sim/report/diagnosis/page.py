@@ -133,7 +133,7 @@ def build_page_context(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _format_effects_heading(diagnosis: Diagnosis) -> str:
-    if diagnosis.verdict != "unexplained":
+    if not diagnosis.has_proxies:
         return "Effects"
     kinds = {term.effect_definition.data_driven: None for term in diagnosis.added_terms}
     names = {False: "proxies: effects that come closest", True: "a data-driven term, which identifies no effect"}
@@ -157,7 +157,7 @@ def _build_effect_entry(diagnosis: Diagnosis, term: EffectTerm) -> dict[str, Any
     marks = {False: " (a proxy)", True: " (data-driven)"}
     return {
         "name": words.format_term(term),
-        "mark": marks[term.effect_definition.data_driven] if diagnosis.verdict == "unexplained" else "",
+        "mark": marks[term.effect_definition.data_driven] if diagnosis.has_proxies else "",
         "identifier": term.effect,
         "number": term.number or "",
         "form": term.form,
