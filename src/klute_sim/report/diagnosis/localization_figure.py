@@ -40,14 +40,15 @@ class ResidualSamples(NamedTuple):
 
 
 def collect_residuals(diagnosis: Diagnosis, channel: str) -> ResidualSamples:
-    """Return the residuals of ``channel`` in the fitted trials; none if nothing was fitted."""
-    rows = []
+    """Return the residuals of ``channel``, which the fitted trials measure, in these trials."""
     base, final = diagnosis.base_fit, diagnosis.final_fit
-    if base is not None and final is not None:
-        fitted = diagnosis.fitted_experiments
-        for experiment, before, after in zip(fitted, base.residuals, final.residuals, strict=True):
-            if channel in experiment.measured:
-                rows.append(_collect_trial_residuals(experiment, channel, before, after, diagnosis.noise[channel].std))
+    assert base is not None
+    assert final is not None
+    rows = [
+        _collect_trial_residuals(experiment, channel, before, after, diagnosis.noise[channel].std)
+        for experiment, before, after in zip(diagnosis.fitted_experiments, base.residuals, final.residuals, strict=True)
+        if channel in experiment.measured
+    ]
     return ResidualSamples(*(np.concatenate(column) for column in zip(*rows, strict=True)))
 
 
