@@ -20,6 +20,7 @@ from klute_sim.diagnosis.planning.proposals import (
     build_separation_setups,
     choose_proposal,
     compute_separation,
+    propose_experiment,
     simulate_channels,
     weight_predictions,
 )
@@ -82,3 +83,22 @@ def test_change_of_the_rig_is_proposed_where_it_is_needed(unchanged: float, chan
     entry = choose_proposal(proposals).to_dict()
     assert entry["separation_chi2"] == chosen
     assert (entry["sentence"] == NOT_SEPARABLE) == (max(unchanged, changed) <= 6.0)
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_motion_of_a_device_that_no_trial_moves_needs_a_tester(*, moves: bool) -> None:
+    (experiment,), samples = make_repeats([np.zeros(200)]), np.ones(200)
+    assert isinstance(experiment, BenchExperiment)
+    length = 0.34 * samples
+    length[100:] -= 0.01 * moves
+    experiment = replace(experiment, unit_length=length, command=2e5 * samples)
+    noise = estimate_noise_from_repeats([experiment] * 2, [{"force": 3.0 * np.sin(np.arange(200) + k)} for k in (0, 2)])
+    simulator, device = Simulator(1), load_device("klute-3-4-pair")
+    fit = Fit(Hypothesis(device, (), (("force", 3.0),)), np.zeros(0), np.zeros(1), np.zeros((1, 0)), True, [])
+    stiffer = replace(
+        fit, hypothesis=fit.hypothesis.with_term(EffectTerm("sensor_gain", "linear", "force")), x=np.ones(1)
+    )
+    proposal = propose_experiment(WeightedData(simulator, [experiment], noise), device, fit, stiffer)
+    simulator.close()
+    assert proposal is not None
+    assert ("It changes the length, which no fitted trial does" in proposal.to_dict()["sentence"]) != moves

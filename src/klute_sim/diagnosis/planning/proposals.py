@@ -14,6 +14,7 @@ from klute_sim.bench.protocols.identification import IdentificationProtocol
 from klute_sim.bench.protocols.library import load_identification_protocols
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import Device
+from klute_sim.diagnosis.data_quality import find_moving_trials
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -103,6 +104,8 @@ class ExperimentProposal(NamedTuple):
     """Channels in which they differ: those of the data and of the change of the rig."""
     settings: ProtocolSettings | None = None
     """Pressures of the trial of a joint; a protocol of the bench has none."""
+    needs_tester: bool = False
+    """Whether it moves a device that no fitted trial moves."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``verdict.json``."""
@@ -118,6 +121,8 @@ class ExperimentProposal(NamedTuple):
             f"{self.rig_change.description}: the models then differ "
             f"by a chi squared of about {self.separation_chi2:.0f} ({BIC_THRESHOLD:.0f} are decisive)."
         )
+        if self.needs_tester:
+            sentence += " It changes the length, which no fitted trial does: this needs a tensile tester."
         return {
             "protocol": self.protocol.name,
             **self._list_pressures(),
@@ -214,13 +219,14 @@ def _evaluate_protocol(
         true_values = simulate_channels(data.simulator, setups, experiment, with_sensor_errors=False)
     except SimulationError:
         return []
+    needs_tester = bool(find_moving_trials([experiment])) and not find_moving_trials(data.experiments)
     proposals = []
     for rig_change in list_rig_changes(device):
         if not set(rig_change.added_channels) & set(data.noise):
             predictions = weight_predictions(data, sampling_interval, rig_change, observed, true_values, ADDED_NOISE)
             separation = compute_separation(best_fit, predictions)
             recorded = (*data.noise, *rig_change.added_channels)
-            proposals.append(ExperimentProposal(protocol, rig_change, separation, recorded))
+            proposals.append(ExperimentProposal(protocol, rig_change, separation, recorded, None, needs_tester))
     return proposals
 
 
