@@ -46,6 +46,18 @@ def test_candidates_are_all_numbers_but_counts_zeros_and_the_foot() -> None:
     assert all(error > 0.0 for error in candidates.values())
 
 
+@pytest.mark.parametrize(("key", "may_change_sign"), [("model.site.a.pos_x", True), ("model.geom.a.mass", False)])
+def test_only_a_coordinate_may_change_its_sign(key: str, may_change_sign: bool) -> None:
+    bounds = {}
+    for sign in (1.0, -1.0):
+        nominal = sign * 0.2 * 6.0 * compute_plausible_error(key, 1.0)
+        hypothesis = Hypothesis(NOMINAL, (), (), (make_number_term(key),), mechanism_numbers=((key, nominal),))
+        bounds[sign] = [hypothesis.parameters[0].lower, hypothesis.parameters[0].upper]
+    assert (bounds[1.0][0] < 0.0) == may_change_sign
+    if may_change_sign:  # the mirrored model has the mirrored bounds
+        assert bounds[-1.0] == pytest.approx([-bounds[1.0][1], -bounds[1.0][0]])
+
+
 def test_wrong_number_changes_the_device() -> None:
     term = make_number_term("tendon.slack_length_mm")
     hypothesis = Hypothesis(NOMINAL, (("tendon.stiffness_1_n_per_mm", 6.0),), ()).with_term(term)

@@ -368,13 +368,13 @@ class Hypothesis:
 
 
 def _limit_number(key: str, nominal_values: Mapping[str, float], half_range: float) -> tuple[float, float]:
-    """Return the bounds of a fitted number: within ``half_range`` of the nominal one, with its sign, and plausible.
+    """Return the bounds of a fitted number: within ``half_range`` of the nominal one, and such that a file accepts it.
 
-    A device file with the number and the other ``nominal_values`` (``section.key`` -> value) is therefore accepted: the
-    bladder also stays on the braid, because beyond that the number would change nothing.
+    ``nominal_values`` are all numbers, ``section.key`` -> value. Positive numbers but coordinates stay positive.
     """
-    nominal = nominal_values[key]
-    lower = max(nominal - half_range, MIN_NUMBER_FRACTION * nominal) if nominal > 0.0 else nominal - half_range
+    nominal, lower = nominal_values[key], nominal_values[key] - half_range
+    if nominal > 0.0 and not key.rpartition(".")[2].startswith("pos_"):
+        lower = max(lower, MIN_NUMBER_FRACTION * nominal)
     lower, upper = limit_to_plausible(key, nominal, lower, nominal + half_range)
     return limit_to_valid(nominal_values, key, lower, upper)
 
