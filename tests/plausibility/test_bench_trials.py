@@ -80,6 +80,20 @@ def test_a_fast_regulator_without_a_force_does_not_tell_another_unit(tmp_path: P
     assert load_dataset(tmp_path).accepted == ()
 
 
+def test_uncalibrated_force_of_a_long_trial_is_found(tmp_path: Path) -> None:
+    """Of a long trial, only the window that moves most is simulated: here the cycles after a rest of 12 s."""
+    time = np.arange(0.0, 40.0, 0.002)
+    command = 2.5 - 1.5 * np.cos(2.0 * np.pi * 0.5 * np.maximum(0.0, time - 12.0))
+    parameters = load_device("klute-3-4-pair").parameters
+    response = simulate_rollouts(parameters, np.full(len(time), 0.34), 1e5 * command, 0.002)
+    columns = {"time [s]": time, "length [mm]": np.full(len(time), 340.0), "pressure_command [bar]": command}
+    write_trial(tmp_path / "cycles.csv", columns | {"force [N]": response.tension / 187.0})
+    head = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "klute-3-4-pair"\n'
+    (tmp_path / "dataset.toml").write_text(head + '[[trial]]\nfiles = ["cycles.csv"]\n')
+    with pytest.raises(ImplausibleInputError, match="force-unit"):
+        load_dataset(tmp_path)
+
+
 @pytest.mark.parametrize("has_force", [False, True])
 def test_slow_supply_alone_is_no_wrong_sampling_rate(tmp_path: Path, has_force: bool) -> None:
     """A supply of 6 bar/s, where the device file says 60: with a force, all velocities tell the sampling rate."""

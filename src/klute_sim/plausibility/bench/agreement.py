@@ -35,6 +35,8 @@ class Agreement(NamedTuple):
 
     misfit: float
     """0: the channel agrees; 1: it contradicts the simulation."""
+    measured: Array
+    """Measured samples [SI] that are compared: the finite ones in the simulated time."""
     simulated: Array
     """Simulated samples [SI] at the times of the measured ones."""
     size_ratio: float
@@ -130,22 +132,18 @@ def compare_trial(
             sizes = (float(np.percentile(np.abs(values), 95.0)) for values in (measured, expected))
             spans = (compute_span(values) for values in (measured, expected))
             agreements[name] = Agreement(
-                misfit, expected, _divide(*sizes), _divide(*spans), compute_correlation(measured, expected)
+                misfit, measured, expected, _divide(*sizes), _divide(*spans), compute_correlation(measured, expected)
             )
     return agreements
 
 
-def find_calibration(trial: RecordedTrial, agreement: Agreement) -> float | None:
+def find_calibration(agreement: Agreement) -> float | None:
     """Return the factor from measured to simulated force where both have one course and scales of no common unit."""
-    channel, response_size = trial.channels["force"], len(agreement.simulated)
-    measured = channel.samples.value[np.isfinite(channel.samples.value)][:response_size]
-    if len(measured) != response_size or agreement.scale_error < math.log(MIN_CALIBRATION):
+    if agreement.scale_error < math.log(MIN_CALIBRATION) or agreement.correlation < MIN_CALIBRATION_CORRELATION:
         return None
-    if not (varies(measured) and varies(agreement.simulated)):  # a force that hardly varies is a load
+    if not (varies(agreement.measured) and varies(agreement.simulated)):  # a force that hardly varies is a load
         return None
-    if compute_correlation(measured, agreement.simulated) < MIN_CALIBRATION_CORRELATION:
-        return None
-    return compute_span(agreement.simulated) / compute_span(measured)
+    return 1.0 / agreement.span_ratio
 
 
 def varies(force: Array) -> bool:

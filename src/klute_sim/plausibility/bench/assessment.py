@@ -108,7 +108,7 @@ class Assessment:
     @cached_property
     def calibration(self) -> float | None:
         """Factor from measured to simulated force where both have one course and scales of no common unit."""
-        return find_calibration(self.trial, self.agreements["force"]) if "force" in self.agreements else None
+        return find_calibration(self.agreements["force"]) if "force" in self.agreements else None
 
     def find_outcome(self, key: str) -> Outcome | None:
         """Return what the trial is like without the mistake ``key``; None where it cannot have that mistake."""
