@@ -47,6 +47,12 @@ def test_other_course_is_accepted(measured: Array) -> None:
     assert check_courses([make_course(measured)]) == []
 
 
+def test_joint_that_its_springs_hold_is_not_judged() -> None:
+    """Devices without a supply cannot move the joint, and the model rests at one angle."""
+    held = make_course(EXPECTED)._replace(expected=np.full(400, 0.5), reach=0.0)
+    assert check_courses([held]) == []
+
+
 def test_short_or_fast_trials_and_contradicting_ones_are_not_judged() -> None:
     assert check_courses([make_course(-EXPECTED, period=5.0)]) == []
     assert check_courses([make_course(-EXPECTED), make_course(EXPECTED)]) == []

@@ -100,7 +100,7 @@ def _compare(course: Course) -> _Comparison | None:
     width = max(1, round(course.natural_period / (uniform[1] - uniform[0])))
     measured, slow = (_average(np.interp(uniform, time, values), width) for values in (measured, expected))
     motion = float(np.std(slow))
-    if motion < MIN_MOTION * course.reach or motion < MIN_SLOW_SHARE * float(np.std(expected)):
+    if motion <= 0.0 or motion < MIN_MOTION * course.reach or motion < MIN_SLOW_SHARE * float(np.std(expected)):
         return None
     correlation = compute_correlation(measured, slow)
     return _Comparison(course, correlation, float(np.std(measured)) / motion, float(np.median(measured - slow)))
