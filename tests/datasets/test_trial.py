@@ -138,6 +138,25 @@ def test_files_without_overlap_in_time_are_refused(tmp_path: Path) -> None:
     assert message in read_error(tmp_path, columns(), other)
 
 
+@pytest.mark.parametrize("start", [0.1898, 0.171])
+def test_files_that_hardly_overlap_are_refused(tmp_path: Path, start: float) -> None:
+    command = {"time [s]": TIME + start, "pressure_command [bar]": 3 + 0 * TIME}
+    sentence = read_error(tmp_path, columns(pressure_command=None), command)
+    assert f"{tmp_path / 'b.csv'} overlap by {0.19 - start:.3g} s only: 'length' ends at 0.19 s" in sentence
+    assert sentence.endswith("at least 0.02 s in common are needed; correct the times, or leave the trial out")
+
+
+def test_files_that_overlap_by_two_samples_are_read(tmp_path: Path) -> None:
+    command = {"time [s]": TIME + 0.169, "pressure_command [bar]": 3 + 0 * TIME}
+    assert read(tmp_path, columns(pressure_command=None), command).prescribed["pressure_command"].time[0] == 0.169
+
+
+def test_trial_of_a_millisecond_is_refused(tmp_path: Path) -> None:
+    fast = {"time [us]" if name == "time [s]" else name: value for name, value in columns().items()}
+    fast["time [us]"] = 50.0 * np.arange(N)
+    assert "overlap by 0.00095 s only" in read_error(tmp_path, fast)
+
+
 def test_delay_that_leaves_no_overlap_is_named(tmp_path: Path) -> None:
     write_trial(tmp_path / "a.csv", columns())
     with pytest.raises(InputError) as error:

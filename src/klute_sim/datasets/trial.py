@@ -35,6 +35,9 @@ PLATE_FORCES = (channels.VERTICAL_FORCE, "grf_forward")
 """Prescribed channels of a force plate that may have an offset."""
 MIN_SAMPLES = 10
 """Minimum number of samples of a channel, not counting missing ones."""
+MIN_OVERLAP_INTERVALS, MIN_OVERLAP_TIME = 2.0, 5e-3
+"""Shortest time that all channels share: in sampling intervals of the slower of the two that end first and start last,
+and in seconds (assumed: ten time steps of a simulation)."""
 
 
 class TimeSeries(NamedTuple):
@@ -343,19 +346,22 @@ def _subtract_plate_offset(prescribed: dict[str, TimeSeries], source: str) -> li
 
 
 def _check_overlap(columns: Mapping[str, _Column], delays: Mapping[str, float]) -> None:
-    """Raise InputError where two channels have no time in common; a stated delay in a wrong unit is a cause."""
+    """Raise InputError where two channels share too little time; a stated delay in a wrong unit is a cause."""
     latest = max(columns, key=lambda channel: columns[channel].series.time[0])
     earliest = min(columns, key=lambda channel: columns[channel].series.time[-1])
     start, end = columns[latest].series.time[0], columns[earliest].series.time[-1]
-    if start < end:
+    interval = max(columns[channel].series.sampling_interval for channel in (earliest, latest))
+    min_overlap = max(MIN_OVERLAP_INTERVALS * interval, MIN_OVERLAP_TIME)
+    if end - start >= min_overlap:
         return
     files = list(dict.fromkeys(str(columns[channel].file.source) for channel in (earliest, latest)))
     subject = f"trial files {' and '.join(files)}" if len(files) > 1 else f"the channels of trial file {files[0]}"
+    statement = f"overlap by {end - start:.3g} s only" if end > start else "do not overlap in time"
     earlier, later = (
         f" after its [delay] of {delays[channel]:.6g} s" if channel in delays else "" for channel in (earliest, latest)
     )
-    question = "; is the unit of the delay right?" if earlier or later else ""
+    advice = "is the unit of the delay right?" if earlier or later else "correct the times, or leave the trial out"
     raise InputError(
-        f"{subject} do not overlap in time: '{earliest}' ends at {end:.6g} s{earlier}, '{latest}' starts at "
-        f"{start:.6g} s{later}{question}"
+        f"{subject} {statement}: '{earliest}' ends at {end:.6g} s{earlier}, '{latest}' starts at {start:.6g} s{later}; "
+        f"at least {min_overlap:.3g} s in common are needed; {advice}"
     )
