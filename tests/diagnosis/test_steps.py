@@ -1,15 +1,16 @@
 """Time steps of experiments: Richardson extrapolation, and steps aligned with delayed commands."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from klute_sim.datasets.trial import TimeSeries
+from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.device.device import load_device
 from klute_sim.device.dynamics import DeviceParameters
-from klute_sim.diagnosis.experiments.base import SimulationSetup
-from klute_sim.diagnosis.experiments.bench import BenchExperiment
+from klute_sim.diagnosis.experiments.base import SimulationSetup, choose_time_step
+from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
 from klute_sim.diagnosis.experiments.simulator import Simulator, simulate_extrapolated
 from klute_sim.effects import catalogue
 
@@ -24,6 +25,22 @@ def make_experiment(dt: float) -> BenchExperiment:
     command = np.interp(time, [0.0, 0.4, 0.405, 1.0, 1.005, 1.6, 2.0], [1e5, 1e5, 4e5, 3e5, 1e5, 1e5, 5e5])
     measured = {name: TimeSeries(SAMPLES, SAMPLES) for name in ("force", "pressure", "muscle_length")}
     return BenchExperiment("a", "a", "fit", DEVICE, 0.0, dt, command, measured, unit_length=length)
+
+
+@pytest.mark.parametrize("interval", [5e-5, 2e-4, 1e-3])
+def test_fast_logs_have_the_smallest_time_step(interval: float) -> None:
+    assert choose_time_step(interval, 5e-4, 5e-3) == pytest.approx(5e-4)
+    time = interval * np.arange(400)
+    inputs = {"length": TimeSeries(time, np.full(400, 0.34)), "pressure_command": TimeSeries(time, np.full(400, 2e5))}
+    trial = Trial(name="a", group="a", use="fit", device=DEVICE, files=(Path("a.csv"),), prescribed=inputs, measured={})
+    experiment = prepare_bench_trial(trial, "fit")
+    assert experiment.dt == pytest.approx(5e-4)
+    assert experiment.duration == pytest.approx(399 * interval, abs=5e-4)
+
+
+@pytest.mark.parametrize(("interval", "step"), [(6e-4, 6e-4), (7e-3, 7e-4), (0.01, 1e-3), (0.5, 5e-3)])
+def test_time_step_divides_the_sampling_interval(interval: float, step: float) -> None:
+    assert choose_time_step(interval, 5e-4, 5e-3) == pytest.approx(step)
 
 
 def make_parameters(true_effects: dict[tuple[str, str], dict[str, float]] | None = None) -> DeviceParameters:

@@ -24,6 +24,7 @@ from klute_sim.diagnosis.experiments.base import (
     Experiment,
     PrescribedInput,
     SimulationSetup,
+    choose_time_step,
     select_samples,
 )
 from klute_sim.diagnosis.experiments.denoise import denoise
@@ -35,8 +36,6 @@ from klute_sim.diagnosis.experiments.interpolation import (
 )
 from klute_sim.types import Array
 
-STEPS_PER_SAMPLE = 10
-"""Time steps per sample of the prescribed channels, within the limits of the time step."""
 MIN_TIME_STEP, MAX_TIME_STEP = 5e-4, 5e-3
 """Limits of the time step [s]. Below, the integration error vanishes in a load cell's noise; above, steps need not be
 longer."""
@@ -208,7 +207,7 @@ def prepare_bench_trial(trial: Trial, use: Use) -> BenchExperiment:
     start_time = max(length.time[0], command.time[0])
     end_time = min(length.time[-1], command.time[-1])
     interval = min(length.sampling_interval, command.sampling_interval)
-    dt = interval / max(1, round(interval / min(max(interval / STEPS_PER_SAMPLE, MIN_TIME_STEP), MAX_TIME_STEP)))
+    dt = choose_time_step(interval, MIN_TIME_STEP, MAX_TIME_STEP)
     time = start_time + dt * np.arange(1, int((end_time - start_time) / dt + 1e-6) + 1)
     is_moving = starts_in_motion(trial)
     warm_up = {"max_warm_up_fraction": MOVING_WARM_UP_FRACTION, "max_warm_up_time": MOVING_WARM_UP_TIME}

@@ -19,6 +19,7 @@ from klute_sim.diagnosis.experiments.base import (
     NumberChange,
     PrescribedInput,
     SimulationSetup,
+    choose_time_step,
     select_samples,
 )
 from klute_sim.diagnosis.experiments.bench import (
@@ -34,8 +35,6 @@ from klute_sim.mechanism.simulate import simulate_mechanism
 from klute_sim.plant.mjcf.model_effects import JOINT_TYPES, list_parts
 from klute_sim.types import Array
 
-STEPS_PER_SAMPLE = 10
-"""Time steps per sample of the prescribed channels, within the limits of the time step."""
 MIN_TIME_STEP, MAX_TIME_STEP = 5e-4, 2e-3
 """Limits of the time step [s] (assumed: a stiff tendon on a light lever needs the longest of these)."""
 POSITION_PERTURBATION = 1e-3
@@ -248,7 +247,7 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
     start_time = max(s.time[0] for s in series.values())
     end_time = min(s.time[-1] for s in series.values())
     interval = min(s.sampling_interval for s in series.values())
-    dt = interval / max(1, round(interval / min(max(interval / STEPS_PER_SAMPLE, MIN_TIME_STEP), MAX_TIME_STEP)))
+    dt = choose_time_step(interval, MIN_TIME_STEP, MAX_TIME_STEP)
     time = start_time + dt * np.arange(1, int((end_time - start_time) / dt + 1e-6) + 1)
     inputs = {name: _interpolate(name, samples, time) for name, samples in series.items()}
     other_inputs = tuple(
