@@ -22,8 +22,8 @@ from klute_sim.types import Array
 from klute_sim.units import BAR
 
 MIN_SAMPLING_INTERVAL = 2e-3
-"""Minimum sampling interval of a measured channel [s]; faster channels are decimated. Noise stays correlated for
-longer than this, and a million samples would fill the memory."""
+"""Sampling interval [s] to which faster measured channels are decimated by whole factors: 1200 Hz become 600 Hz. Noise
+stays correlated for longer than this, and a million samples would fill the memory."""
 WARM_UP_FRACTION, MAX_WARM_UP_TIME = 0.1, 0.5
 """Fraction of a trial, and longest time [s], that is simulated but not compared. The internal state of friction before
 the trial is unknown; the first movements erase it."""
@@ -348,8 +348,8 @@ def select_samples(
 ) -> dict[str, TimeSeries]:
     """Return the samples of ``trial`` to compare with a simulation from ``start_time`` to ``end_time`` [s].
 
-    Samples are finite, later than the warm-up, not later than ``last_time`` [s], and decimated to
-    :data:`MIN_SAMPLING_INTERVAL`. A channel without at least two such samples is left out.
+    Samples are finite, later than the warm-up, not later than ``last_time`` [s], and decimated as
+    :data:`MIN_SAMPLING_INTERVAL` says. A channel without at least two such samples is left out.
     """
     first_time = start_time + min(max_warm_up_fraction * (end_time - start_time), max_warm_up_time)
     measured = {}
