@@ -39,8 +39,9 @@ MIN_TIME_STEP, MAX_TIME_STEP = 5e-4, 2e-3
 """Limits of the time step [s] (assumed: a stiff tendon on a light lever needs the longest of these)."""
 POSITION_PERTURBATION = 1e-3
 """Change of a driven joint [rad or m] that measures the sensitivity to noise of its motion."""
-MAX_KINEMATIC_SAMPLES = 500
-"""Largest number of positions at which the lengths of the tendons are evaluated."""
+KINEMATIC_RATE = 100.0
+"""Positions per second [Hz] at which the lengths of the tendons are evaluated (assumed: between them, lines are off by
+0.2 % of the amplitude of a motion of 2 Hz)."""
 PRESSURE_QUANTITIES = ("pressure_command", "pressure")
 MOTION_QUANTITIES = ("angle", "position")
 START_TIME_SPAN = 0.1
@@ -388,7 +389,8 @@ def _compute_first_length(
     joints = [joint.name for joint in mechanism.spec.joints]
     if not set(joints) <= positions.keys():
         return None
-    samples = np.linspace(time[0], time[-1], min(len(time), MAX_KINEMATIC_SAMPLES))
+    n_samples = 1 + int(np.ceil(KINEMATIC_RATE * (time[-1] - time[0])))
+    samples = np.linspace(time[0], time[-1], min(len(time), n_samples))
     sampled = {name: np.interp(samples, time, values) for name, values in positions.items()}
     lengths = compute_unit_lengths(mechanism, numbers, sampled)
     return np.interp(time, samples, lengths[mechanism.device_names[0]])
