@@ -253,8 +253,9 @@ def test_stated_input_noise_that_repeats_do_not_show_counts_as_shared(
     (folder / "dataset.toml").write_text(text.replace("[uncertain]", noise + "[uncertain]"))
     data, simulator = datasets.load_dataset(folder), Simulator(2)
     experiments = prepare_experiments(data, datasets.split_dataset(data))
-    scaled, _ = add_noise_scales(experiments, [e for e in experiments if e.use == "fit"], simulator)
+    scaled, remarks = add_noise_scales(experiments, [e for e in experiments if e.use == "fit"], simulator)
     simulator.close()
+    assert [remark.split(" agree better than")[0] for remark in remarks] == ["Repeats of 4 trials"] * is_shared
     scales = np.concatenate([e.input_error_scale["force"] for e in scaled])
     median = float(np.median(scales))
     assert median > 8.0 if is_shared else median == 1.0  # single samples of a steep force may be more sensitive
@@ -276,9 +277,20 @@ def test_stated_input_noise_is_evaluated_at_the_samples_that_are_compared(tmp_pa
         assert all(len(e.input_error_scale[channel]) == len(series.time) for channel, series in e.measured.items())
 
 
-@pytest.mark.parametrize("is_still", [False, True])
-def test_slow_inputs_are_stated_only_where_they_matter(is_still: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("is_still", "noise", "statements"),
+    [
+        (False, "", ["The inputs of 4 trials are sampled too slowly"]),
+        (True, "", []),
+        (True, '[noise]\nlength = "1 mm"\n', ["Repeats of 4 trials agree better"]),
+    ],
+)
+def test_slow_inputs_are_stated_only_where_they_matter(
+    is_still: bool, noise: str, statements: list[str], tmp_path: Path
+) -> None:
     folder = write_dataset(tmp_path / "d", groups=("fit_1", "validation_1"))
+    text = (folder / "dataset.toml").read_text()
+    (folder / "dataset.toml").write_text(text.replace("[uncertain]", noise + "[uncertain]"))
     for file in folder.glob("*.csv"):
         heading, *rows = file.read_text().splitlines()
         slow = [row.split(",") for row in rows[::4]]  # 50 Hz
@@ -293,4 +305,5 @@ def test_slow_inputs_are_stated_only_where_they_matter(is_still: bool, tmp_path:
     assert all(e.input_variants for e in experiments)
     _, remarks = add_noise_scales(experiments, [e for e in experiments if e.use == "fit"], simulator)
     simulator.close()
-    assert any("sampled too slowly" in remark for remark in remarks) is not is_still
+    assert len(remarks) == len(statements)
+    assert all(remark.startswith(statement) for remark, statement in zip(remarks, statements, strict=True))

@@ -29,9 +29,12 @@ the smallest relevant misfit (a quarter of the noise), because the true course m
 MAX_REPEATED_RATIO = 1.5
 """Ratio of the stated variance to that between repeats above which repeats share a part of it (assumed: repeats measure
 their variance to within a half)."""
-MAX_INPUT_VARIANCE_RATIO = 1.1
-"""Mean variance of a channel, with the inputs between their samples, over that of its noise alone, above which the
-inputs of a trial are called too slow (assumed)."""
+MAX_INPUT_VARIANCE_FRACTION = 0.1
+"""Mean variance of a channel from the inputs between their samples, over that of its noise, above which the inputs of a
+trial are called too slow (assumed)."""
+MAX_LOST_WEIGHT = 0.1
+"""Mean weight that samples of a channel lose because of the stated noise of the inputs, above which a remark says so
+(assumed)."""
 N_REWEIGHTINGS = 3
 """Iterations of the weighted fit of the variance model."""
 
@@ -71,6 +74,8 @@ def add_noise_scales(
         for channel in list_channels(fit_experiments)
     }
     scaled = {}
+    slow_trials: dict[str, None] = {}
+    imprecise_trials: dict[str, None] = {}
     for e, row, errors, stated in zip(experiments, rows, input_errors, stated_variances, strict=True):
         scales: dict[str, Array] = {}
         input_error_scales: dict[str, Array] = {}
@@ -87,31 +92,48 @@ def add_noise_scales(
                 if channel in errors or channel in stated:
                     noise_variance = scales[channel] ** 2 * model.mean_variance
                     shared = np.maximum(0.0, stated.get(channel, 0.0) - MAX_REPEATED_RATIO * noise_variance)
-                    error = errors.get(channel, 0.0) + INPUT_ERROR_SIGMAS**2 * shared
-                    if np.isfinite(error).all():
-                        input_error_scales[channel] = np.sqrt(1.0 + error / noise_variance)
+                    between_samples, stated_noise = errors.get(channel, 0.0), INPUT_ERROR_SIGMAS**2 * shared
+                    if np.isfinite(between_samples + stated_noise).all():
+                        variance_ratio = (between_samples + stated_noise) / noise_variance
+                        input_error_scales[channel] = np.sqrt(1.0 + variance_ratio)
+                        if np.mean(between_samples / noise_variance) > MAX_INPUT_VARIANCE_FRACTION:
+                            slow_trials[e.name] = None
+                        if np.mean(stated_noise / (stated_noise + noise_variance)) > MAX_LOST_WEIGHT:
+                            imprecise_trials[e.name] = None
         scaled[e.name] = replace(
             e, noise_scale=scales, input_error_scale=input_error_scales, input_noise_share=input_noise_shares
         )
-    remarks = [*describe_noisy_trials(experiments, noise_ratios), *_describe_slow_inputs(list(scaled.values()))]
+    remarks = [
+        *describe_noisy_trials(experiments, noise_ratios),
+        *_describe_slow_inputs(list(slow_trials)),
+        *_describe_imprecise_inputs(list(imprecise_trials)),
+    ]
     return [scaled.get(e.name, e) for e in all_experiments], remarks
 
 
-def _describe_slow_inputs(experiments: Sequence[Experiment]) -> list[str]:
-    """Return a sentence about trials in which other courses of the inputs between samples matter; none without any."""
-    slow = [
-        e.name
-        for e in experiments
-        if e.input_variants
-        and any(np.mean(scale * scale) > MAX_INPUT_VARIANCE_RATIO for scale in e.input_error_scale.values())
-    ]
-    if not slow:
+def _describe_slow_inputs(trials: Sequence[str]) -> list[str]:
+    """Return a sentence about ``trials`` in which other courses of the inputs between samples matter, if any."""
+    if not trials:
         return []
-    names = f"'{slow[0]}'" if len(slow) == 1 else f"{len(slow)} trials"
     return [
-        f"The inputs of {names} are sampled too slowly: samples that depend on how the inputs are interpolated count "
-        "less. Record the inputs faster."
+        f"The inputs of {_name_trials(trials)} are sampled too slowly: samples that depend on how the inputs are "
+        "interpolated count less. Record the inputs faster."
     ]
+
+
+def _describe_imprecise_inputs(trials: Sequence[str]) -> list[str]:
+    """Return a sentence about ``trials`` in which the stated noise of the inputs exceeds what repeats show, if any."""
+    if not trials:
+        return []
+    return [
+        f"Repeats of {_name_trials(trials)} agree better than the noise of the inputs that [noise] states allows: they "
+        "share errors of the inputs, and samples that depend on these count less. Measure the inputs more precisely, "
+        "or correct [noise]."
+    ]
+
+
+def _name_trials(trials: Sequence[str]) -> str:
+    return f"'{trials[0]}'" if len(trials) == 1 else f"{len(trials)} trials"
 
 
 def _compute_input_errors(

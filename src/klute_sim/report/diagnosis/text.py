@@ -295,7 +295,7 @@ def describe_weights(diagnosis: Diagnosis) -> str:
     """Return in one sentence why the gap is smaller than that of a figure; '' where all samples count equally."""
     if not diagnosis.has_input_weights:
         return ""
-    return "Samples that depend on how the inputs are interpolated count less; figures show all."
+    return "Samples that depend on errors of the inputs count less; figures show all."
 
 
 def describe_next_step(diagnosis: Diagnosis) -> str:
