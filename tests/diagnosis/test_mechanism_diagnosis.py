@@ -284,6 +284,24 @@ def test_test_trial_that_diverges_leaves_the_others(tmp_path: Path, monkeypatch:
     assert np.isfinite(diagnosis.channel_rms["angle_joint"].with_effects)
 
 
+def test_noise_of_a_free_joint_follows_its_sensitivity_to_the_pressure(tmp_path: Path) -> None:
+    """Nothing but pressures is prescribed, so that no mechanical input perturbs the angle."""
+    experiments, _ = prepare(tmp_path, groups=("fit_1",), seconds=3.0)
+    simulator, rng = Simulator(2), np.random.default_rng(0)
+    noisy, sensitivities = [], []
+    for e in experiments:
+        perturbed, _, _ = e.perturb_inputs(lambda command: command)
+        setups = [SimulationSetup(e.device.parameters)] * 2
+        nominal, changed = (row["angle_joint"] for row in simulator.simulate([setups], [e, perturbed])[0])
+        sensitivities.append(np.abs(changed - nominal))
+        value = nominal + sensitivities[-1] * rng.normal(size=len(nominal))
+        noisy.append(replace(e, measured={"angle_joint": e.measured["angle_joint"]._replace(value=value)}))
+    scaled, _ = add_noise_scales(noisy, noisy, simulator)
+    simulator.close()
+    for e, sensitivity in zip(scaled, sensitivities, strict=True):
+        assert e.noise_scale["angle_joint"][sensitivity.argmin()] < 0.5  # the timing of commands adds to others
+
+
 def test_numbers_of_the_model_are_candidates_for_errors(tmp_path: Path) -> None:
     dataset = load_dataset(joint.write_dataset(tmp_path, uncertain={"model.geom.load.mass": "10 %"}, **SHORT))
     names = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))

@@ -45,8 +45,8 @@ def add_noise_scales(
     """Return ``experiments`` with noise scales, and remarks about trials that count less.
 
     The root mean square of the scales over the repeats of ``fit_experiments`` is 1. Channels without repeats keep a
-    scale of 1, and so does a test trial whose simulation diverges. In a channel that does not respond to one of the
-    inputs, only the timing of the pressure changes the scale.
+    scale of 1, and so does a test trial whose simulation diverges. An input to which a channel does not respond leaves
+    its scale.
 
     Raises SimulationError when the simulation of another trial diverges.
     """
@@ -267,11 +267,11 @@ def _fit_variance_model(
     column_means, mean_variance = columns.mean(axis=0), float(squares.mean())
     if not mean_variance > 0.0:
         return None
-    if not column_means.all():
-        return _VarianceModel(np.array([1.0, 0.0, 0.0]), mean_variance)
+    is_sensitive = column_means > 0.0
+    scaled_columns = columns[:, is_sensitive] / column_means[is_sensitive]
     variance, coefficients = np.full(len(squares), mean_variance), np.zeros(3)
     for _ in range(N_REWEIGHTINGS):
-        solution = nnls(columns / column_means / variance[:, np.newaxis], squares / variance)[0]
-        coefficients = solution / column_means
+        solution = nnls(scaled_columns / variance[:, np.newaxis], squares / variance)[0]
+        coefficients[is_sensitive] = solution / column_means[is_sensitive]
         variance = np.maximum(columns @ coefficients, MIN_VARIANCE_FRACTION * mean_variance)
     return _VarianceModel(np.asarray(coefficients / (columns @ coefficients).mean()), mean_variance)
