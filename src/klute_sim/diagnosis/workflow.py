@@ -128,7 +128,7 @@ def _run_workflow(
 
     quantizers: dict[str, Quantizer] = {}
     if data_quality.has_repeats(fitted):
-        experiments, quantizers = detect_quantizers(experiments, fitted)
+        experiments, quantizers = detect_quantizers(experiments, fitted, simulator)
     progress(0.1, "fitting the device without added effects")
 
     def prepare(trials: list[Experiment]) -> Preparation:

@@ -5,7 +5,7 @@ values, so its mean output is a staircase with rounded corners; simulated values
 of repeats are then noise again, although all repeats share the same quantization error.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,8 +13,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from klute_sim.datasets.trial import TimeSeries
-from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
-from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment, SimulationSetup
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats, list_channels
 from klute_sim.types import Array
 
 GRID_TOLERANCE = 0.02
@@ -56,7 +57,7 @@ class Quantizer(NamedTuple):
 
 
 def detect_quantizers(
-    experiments: Sequence[Experiment], fit_experiments: Sequence[Experiment]
+    experiments: Sequence[Experiment], fit_experiments: Sequence[Experiment], simulator: Simulator
 ) -> tuple[list[Experiment], dict[str, Quantizer]]:
     """Return ``experiments`` with the quantizers detected in ``fit_experiments``, and the quantizer of each channel.
 
@@ -64,17 +65,39 @@ def detect_quantizers(
     """
     unlimited = [_drop_limited_samples(e) for e in fit_experiments]
     values = [{channel: series.value for channel, series in e.measured.items()} for e in unlimited]
-    quantizers = {}
-    for channel, noise in estimate_noise_from_repeats(unlimited, values).items():
-        if channel in CHANNEL_UNITS:
-            grid = _find_grid(np.concatenate([row[channel] for row in values if channel in row]))
-            if grid is not None and grid.resolution > MIN_RESOLUTION_TO_NOISE * noise.std:
-                quantizers[channel] = Quantizer(*grid, _solve_dither(noise.std / grid.resolution))
+    grids = {}
+    for channel in list_channels(unlimited):
+        grid = _find_grid(np.concatenate([row[channel] for row in values if channel in row]))
+        if grid is not None and channel in CHANNEL_UNITS:
+            grids[channel] = grid
+    noise = _estimate_noise(unlimited, values, simulator) if grids else {}
+    quantizers = {
+        channel: Quantizer(*grid, _solve_dither(noise[channel] / grid.resolution))
+        for channel, grid in grids.items()
+        if channel in noise and grid.resolution > MIN_RESOLUTION_TO_NOISE * noise[channel]
+    }
     with_quantizers = [
         replace(e, quantizers={channel: quantizers[channel] for channel in e.measured if channel in quantizers})
         for e in experiments
     ]
     return with_quantizers, quantizers
+
+
+def _estimate_noise(
+    experiments: Sequence[Experiment], values: Sequence[Mapping[str, Array]], simulator: Simulator
+) -> dict[str, float]:
+    """Return channel -> standard deviation [SI] of the noise before the quantizer, of repeated channels.
+
+    It is the smaller one of two estimates: differences of ``values`` contain the differences of the inputs of repeats
+    that start a few samples apart, and those of the residuals of the nominal device the noise of the recorded inputs.
+    """
+    readings = simulator.simulate([[SimulationSetup(e.device.parameters) for e in experiments]], experiments)[0]
+    residuals = [
+        {channel: value - reading[channel] for channel, value in row.items()}
+        for row, reading in zip(values, readings, strict=True)
+    ]
+    raw, modelled = (estimate_noise_from_repeats(experiments, rows) for rows in (values, residuals))
+    return {channel: min(raw[channel].std, modelled[channel].std) for channel in raw}
 
 
 def _drop_limited_samples(experiment: Experiment) -> Experiment:
