@@ -1,11 +1,16 @@
 """Direct measurements that separate equivalent models: what is worth measuring, and what it would show."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from klute_sim.device.device import load_device
+from klute_sim.diagnosis import workflow
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals
 from klute_sim.diagnosis.planning.direct_measurements import (
     DECISIVE_RATIO,
     EFFECT_METHODS,
@@ -13,6 +18,7 @@ from klute_sim.diagnosis.planning.direct_measurements import (
     DirectMeasurement,
     list_direct_measurements,
 )
+from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.effects import catalogue
 
 DEVICE = load_device("klute-3-4-pair")
@@ -148,3 +154,16 @@ def test_methods_belong_to_numbers_and_parameters_that_exist() -> None:
         for p in form.parameters
     }
     assert set(EFFECT_METHODS) <= parameters
+
+
+def test_interval_is_that_of_the_effect_where_predictions_decide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a verdict would state two 95 % intervals of one parameter."""
+    fit, other = make_fit((GAIN, (1.08,))), make_fit((TAPER, (0.4,)))
+    points = np.array([[0.9], [1.0], [1.2]]) * fit.x
+    model = PredictiveModel(fit, np.ones(3), points)
+    prediction = PredictiveResult(model, model, [], [model], {}, 1.0, 0.0, "condition", 3)
+    monkeypatch.setattr(workflow, "compute_confidence_intervals", lambda data, each, indices: {0: (0.0, 1.0)})
+    selected: Any = SimpleNamespace(prediction=prediction, data=None)
+    assert workflow._compute_interval(selected, fit, 0) == compute_jackknife_intervals(model)[0]
+    assert workflow._compute_interval(selected, other, 0) == (0.0, 1.0)
+    assert workflow._compute_interval(SimpleNamespace(prediction=None, data=None), fit, 0) == (0.0, 1.0)

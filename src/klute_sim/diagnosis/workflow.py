@@ -6,6 +6,7 @@ verdict, and they decide which device is recommended.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from threadpoolctl import threadpool_limits
@@ -41,6 +42,7 @@ from klute_sim.diagnosis.held_commands import (
 )
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.imperfect_law import (
+    compute_jackknife_intervals,
     decide_verdict,
     find_adequate_model,
     select_by_prediction,
@@ -195,7 +197,7 @@ def _run_workflow(
     if equivalent_models:
         diagnosis.direct_measurements = list_direct_measurements(
             [final_fit, *(m.fit for m in equivalent_models)],
-            lambda fit, k: compute_confidence_intervals(selected.data, fit, [k])[k],
+            partial(_compute_interval, selected),
         )
         progress(0.85, "searching for an experiment that separates the equivalent models")
         diagnosis.next_experiment = _propose_next_experiment(
@@ -214,6 +216,16 @@ def _run_workflow(
     )
     progress(1.0, "done")
     return diagnosis
+
+
+def _compute_interval(selected: FinalModel, fit: Fit, index: int) -> tuple[float, float]:
+    """Return the 95 % interval of the parameter of ``fit`` at ``index``, by what decided for ``selected``."""
+    prediction = selected.prediction
+    models = () if prediction is None else (prediction.chosen, *prediction.rivals)
+    model = next((model for model in models if model.fit is fit), None)
+    if model is not None:
+        return compute_jackknife_intervals(model)[index]
+    return compute_confidence_intervals(selected.data, fit, [index])[index]
 
 
 def _prepare_search(
