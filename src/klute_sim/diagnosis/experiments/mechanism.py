@@ -28,6 +28,14 @@ from klute_sim.diagnosis.experiments.bench import (
     STATIONARY_SPEED,
 )
 from klute_sim.diagnosis.experiments.denoise import denoise
+from klute_sim.diagnosis.experiments.initial_motion import (
+    MOTION_QUANTITIES,
+    begins_late,
+    estimate_initial_position,
+    estimate_initial_velocities,
+    interpolate_finite,
+    read_initial_pressures,
+)
 from klute_sim.diagnosis.experiments.interpolation import hold_command, list_other_commands
 from klute_sim.errors import InputError
 from klute_sim.mechanism.assembly import Binding, Mechanism, compute_unit_lengths
@@ -43,16 +51,6 @@ KINEMATIC_RATE = 100.0
 """Positions per second [Hz] at which the lengths of the tendons are evaluated (assumed: between them, lines are off by
 0.2 % of the amplitude of a motion of 2 Hz)."""
 PRESSURE_QUANTITIES = ("pressure_command", "pressure")
-MOTION_QUANTITIES = ("angle", "position")
-START_TIME_SPAN = 0.1
-"""Time [s] at the start of a trial over which its velocity is measured (assumed)."""
-MIN_INITIAL_SPEED = {"angle": np.radians(5.0), "position": 0.01}
-"""Speed [rad/s or m/s] up to which a joint begins at rest (assumed)."""
-NOISE_FACTOR = 5.0
-"""Change of a position over its noise, above which it moves (assumed)."""
-MOTION_SIGMAS = 3.0
-"""Change of a position within :data:`START_TIME_SPAN`, over its standard error, above which its start is not the mean
-(assumed)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +261,7 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
     }
     pressure_name = next(n for n, b in mechanism.bindings.items() if b.name == next(iter(declared.devices)))
     positions = {
-        binding.name: _interpolate_finite(trial.measured[name], time)
+        binding.name: interpolate_finite(trial.measured[name], time)
         for name, binding in outputs.items()
         if name in trial.measured and binding.channel.quantity in MOTION_QUANTITIES
     }
@@ -271,9 +269,9 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
     initial_positions = {
         binding.name: estimate_initial_position(trial.measured[name], start_time)
         for name, binding in outputs.items()
-        if binding.name in positions
+        if binding.name in positions and not begins_late(trial.measured[name], start_time)
     }
-    estimated = _estimate_initial_velocities(trial, outputs, start_time)
+    estimated = estimate_initial_velocities(trial, outputs, start_time)
     velocities = {**estimated, **stated.velocities}
     warm_up = {"max_warm_up_fraction": MOVING_WARM_UP_FRACTION, "max_warm_up_time": MOVING_WARM_UP_TIME}
     driven = {b.name: inputs[n] for n, b in mechanism.bindings.items() if b.channel.quantity in MOTION_QUANTITIES}
@@ -298,70 +296,10 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         numbers=trial.model_numbers,
         initial_positions=initial_positions | dict(stated.positions),
         initial_velocities=velocities,
-        initial_pressures=(_read_initial_pressures(trial, outputs, start_time) if velocities else {})
+        initial_pressures=(read_initial_pressures(trial, outputs, start_time) if velocities else {})
         | dict(stated.pressures),
         unit_length=_compute_first_length(mechanism, trial.model_numbers, {**positions, **driven}, time),
     )
-
-
-def _estimate_initial_velocities(trial: Trial, outputs: Mapping[str, Binding], start_time: float) -> dict[str, float]:
-    """Return joint -> velocity of each joint with a measured position, if any of them begins in motion; else nothing.
-
-    Joints whose velocity the dataset states are left out.
-    A parabola through :data:`START_TIME_SPAN` from ``start_time`` on gives the velocity. A joint moves if this velocity
-    exceeds :data:`MIN_INITIAL_SPEED` and the position changes by more than its noise from the first to the second
-    third: a joint that rests at first and is accelerated later does not.
-    """
-    velocities, is_moving = {}, False
-    for name, binding in outputs.items():
-        if name not in trial.measured or binding.channel.quantity not in MOTION_QUANTITIES:
-            continue
-        if binding.name in trial.initial_state.velocities:
-            continue
-        series = trial.measured[name]
-        is_early = np.isfinite(series.value) & (series.time >= start_time)
-        is_early &= series.time <= max(series.time[0], start_time) + START_TIME_SPAN
-        third = int(is_early.sum()) // 3
-        if third < 2:
-            continue
-        time, value = series.time[is_early] - start_time, series.value[is_early]
-        parabola = np.polyfit(time, value, 2)
-        noise = float(np.std(value - np.polyval(parabola, time)))
-        velocities[binding.name] = float(parabola[1])
-        change = abs(float(np.median(value[third : 2 * third]) - np.median(value[:third])))
-        is_fast = abs(velocities[binding.name]) > MIN_INITIAL_SPEED[binding.channel.quantity]
-        is_moving |= is_fast and change > NOISE_FACTOR * noise
-    return velocities if is_moving else {}
-
-
-def estimate_initial_position(series: TimeSeries, start_time: float) -> float:
-    """Return the position [m or rad] of ``series`` at ``start_time``, from its first :data:`START_TIME_SPAN`.
-
-    That is the mean of a joint at rest, and the start of a parabola through the samples of one that moves.
-    """
-    is_early = np.isfinite(series.value) & (series.time >= start_time)
-    is_early &= series.time <= start_time + START_TIME_SPAN
-    time, value = series.time[is_early] - start_time, series.value[is_early]
-    third = len(value) // 3
-    if third < 2:
-        return float(_interpolate_finite(series, np.array([start_time]))[0])
-    parabola = np.polyfit(time, value, 2)
-    noise = float(np.std(value - np.polyval(parabola, time)))
-    change = abs(float(np.mean(value[-third:]) - np.mean(value[:third])))
-    is_moving = change > MOTION_SIGMAS * noise * np.sqrt(2.0 / third)
-    return float(parabola[2]) if is_moving else float(np.mean(value))
-
-
-def _read_initial_pressures(trial: Trial, outputs: Mapping[str, Binding], start_time: float) -> dict[str, float]:
-    """Return device -> median of its first measured pressures [Pa] from ``start_time`` on."""
-    pressures = {}
-    for name, binding in outputs.items():
-        if name in trial.measured and binding.channel.quantity == "pressure":
-            series = trial.measured[name]
-            values = series.value[np.isfinite(series.value) & (series.time >= start_time)]
-            if len(values):
-                pressures[binding.name] = float(np.median(values[:3]))
-    return pressures
 
 
 def _interpolate(name: str, samples: TimeSeries, time: Array) -> Array:
@@ -370,11 +308,6 @@ def _interpolate(name: str, samples: TimeSeries, time: Array) -> Array:
     if parse_channel(name).quantity in MOTION_QUANTITIES:
         return np.asarray(CubicSpline(samples.time, values)(time), dtype=np.float64)
     return np.interp(time, samples.time, values)
-
-
-def _interpolate_finite(samples: TimeSeries, time: Array) -> Array:
-    is_finite = np.isfinite(samples.value)
-    return np.interp(time, samples.time[is_finite], samples.value[is_finite])
 
 
 def _list_other_courses(name: str, samples: TimeSeries, time: Array) -> tuple[Array, ...]:

@@ -18,7 +18,8 @@ from scipy.ndimage import gaussian_filter1d
 from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.base import DeviceResponse, SimulationSetup
-from klute_sim.diagnosis.experiments.mechanism import MOTION_QUANTITIES, PRESSURE_QUANTITIES, MechanismExperiment
+from klute_sim.diagnosis.experiments.initial_motion import MOTION_QUANTITIES
+from klute_sim.diagnosis.experiments.mechanism import PRESSURE_QUANTITIES, MechanismExperiment
 from klute_sim.diagnosis.localization.device_equations import find_unlimited_samples
 from klute_sim.errors import SimulationError
 from klute_sim.mechanism import drives

@@ -12,7 +12,8 @@ from klute_sim.datasets.dataset import Dataset
 from klute_sim.datasets.mechanism import DatasetMechanism
 from klute_sim.datasets.mechanism_channels import normalize_name, parse_channel
 from klute_sim.datasets.trial import TimeSeries
-from klute_sim.diagnosis.experiments.mechanism import MOTION_QUANTITIES, MechanismExperiment
+from klute_sim.diagnosis.experiments.initial_motion import MOTION_QUANTITIES
+from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.planning.proposals import (
