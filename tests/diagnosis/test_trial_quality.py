@@ -108,17 +108,3 @@ def test_trial_in_motion_starts_with_its_measured_pressure() -> None:
     assert experiment.measured["force"].time[0] > 0.5
     stretched = make_trial(0.005, np.full(400, 2e5), 0.34 + 0.01 * np.linspace(0.0, 1.0, 400))
     assert starts_in_motion(stretched)
-
-
-@pytest.mark.parametrize("interval", [0.2, 0.5])
-def test_slow_log_that_begins_in_motion_is_not_at_rest(interval: float) -> None:
-    """Fillings and motions of several samples; the muscle does not start at the pressure of the command."""
-    time = interval * np.arange(40)
-    rest = np.full(40, 2e5)
-    assert not starts_in_motion(make_trial(interval, rest))
-    assert not starts_in_motion(make_trial(interval, rest, 0.34 + 2e-4 * time))  # below the speed of a rig at rest
-    assert starts_in_motion(make_trial(interval, rest, 0.34 + 5e-3 * time))
-    pressure = TimeSeries(time, np.minimum(1.5e5, 0.5e5 * time))
-    filling = make_trial(interval, rest)
-    filling = replace(filling, measured={**filling.measured, "pressure": pressure})
-    assert prepare_bench_trial(filling, "fit").initial_pressure == 0.0

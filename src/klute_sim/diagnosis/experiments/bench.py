@@ -46,9 +46,8 @@ LENGTH_PERTURBATION = -1e-4
 """Change of the prescribed length [m] that measures the sensitivity to length noise; a bare muscle can only shorten."""
 STATIONARY_SPEED = 1e-3
 """Speed [m/s] below which the rig counts as stationary."""
-START_TIME_SPAN, MIN_START_SAMPLES = 0.1, 3
-"""Time [s] at the start of a trial in which motion is looked for, and smallest number of samples, which take longer in
-a slow log."""
+START_TIME_SPAN = 0.1
+"""Time [s] at the start of a trial in which motion is looked for."""
 REST_PRESSURE_CHANGE = 0.1e5
 """Change of the pressure or of its command in the first moments [Pa] up to which a trial begins at rest (assumed:
 twice the error of an inexpensive gauge)."""
@@ -241,40 +240,32 @@ def starts_in_motion(trial: Trial) -> bool:
     """
     length, command = trial.prescribed["length"], trial.prescribed["pressure_command"]
     start_time = max(length.time[0], command.time[0])
-    length_change, duration = _compute_initial_change(length, start_time)
-    if length_change > STATIONARY_SPEED * duration:
+    if _compute_initial_change(length, start_time) > STATIONARY_SPEED * START_TIME_SPAN:
         return True
-    pressures = (command, trial.measured.get("pressure", command))
-    return any(_compute_initial_change(series, start_time)[0] > REST_PRESSURE_CHANGE for series in pressures)
+    if _compute_initial_change(command, start_time) > REST_PRESSURE_CHANGE:
+        return True
+    pressure = trial.measured.get("pressure")
+    return pressure is not None and _compute_initial_change(pressure, start_time) > REST_PRESSURE_CHANGE
 
 
-def _compute_initial_change(series: TimeSeries, start_time: float) -> tuple[float, float]:
-    """Return the change [SI] between the first and the last third of the first moments, and their duration [s].
+def _compute_initial_change(series: TimeSeries, start_time: float) -> float:
+    """Return the change [SI] between the first and the last third of :data:`START_TIME_SPAN` from ``start_time`` on.
 
-    These are :data:`START_TIME_SPAN` from ``start_time`` on, or at least :data:`MIN_START_SAMPLES` samples. A series
-    that begins later counts from its first sample, and one without later samples does not change.
+    A series that begins later counts from its first sample, and one without later samples does not change.
     """
     is_used = np.isfinite(series.value) & (series.time >= start_time)
     if not is_used.any():
-        return 0.0, START_TIME_SPAN
+        return 0.0
     time, value = series.time[is_used], series.value[is_used]
-    n_samples = max(MIN_START_SAMPLES, int(np.sum(time <= time[0] + START_TIME_SPAN)))
-    values = value[:n_samples]
+    values = value[time <= time[0] + START_TIME_SPAN]
     third = max(1, len(values) // 3)
-    change = abs(float(np.median(values[-third:]) - np.median(values[:third])))
-    return change, max(START_TIME_SPAN, float(time[:n_samples][-1] - time[0]))
+    return abs(float(np.median(values[-third:]) - np.median(values[:third])))
 
 
 def _estimate_initial_pressure(trial: Trial, start_time: float) -> float | None:
-    """Return the first measured pressure [Pa] from ``start_time`` on; None if it was not measured.
-
-    It is the median of three samples, or of those that the first :data:`START_TIME_SPAN` holds in a slow log.
-    """
+    """Return the first measured pressure [Pa] from ``start_time`` on; None if it was not measured."""
     pressure = trial.measured.get("pressure")
     if pressure is None:
         return None
-    is_used = np.isfinite(pressure.value) & (pressure.time >= start_time)
-    if not is_used.any():
-        return None
-    time, value = pressure.time[is_used], pressure.value[is_used]
-    return float(np.median(value[time <= time[0] + START_TIME_SPAN][:3]))
+    values = pressure.value[np.isfinite(pressure.value) & (pressure.time >= start_time)]
+    return float(np.median(values[:3])) if len(values) else None
