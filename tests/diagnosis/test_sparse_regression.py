@@ -131,8 +131,12 @@ def test_term_with_which_every_simulation_diverges_is_not_added(
     with_hidden_term: tuple[ForwardSelection, Fit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     search, base = with_hidden_term
+    supports = find_supports(search.data, base, EffectTerm(*FORCE))
     diverged = replace(base, weighted_residuals=np.full_like(base.weighted_residuals, np.inf))
-    monkeypatch.setattr(sparse_regression, "fit_hypothesis", lambda *_, **__: diverged)
+    with monkeypatch.context() as context:
+        context.setattr(sparse_regression, "fit_hypothesis", lambda *_, **__: diverged)
+        assert sparse_regression._fit_supports(search, base, supports) is None
+    monkeypatch.setattr(sparse_regression, "_fit_supports", lambda *_: None)
     result = add_data_driven_term(search, base, base, RESIDUALS)
     assert result.fit is None
     assert result.reason.endswith(f"was tested, but {DIVERGENCE_REASON}.")
