@@ -9,8 +9,8 @@ of all of them, which ``--finished`` scores. ``--shard 2/4`` processes the secon
 machines that share OUT. Thresholds are set on the development split; the test split is for published numbers. The
 ground truth is read only after the verdict is saved. The direct measurements that an `indistinguishable` verdict lists
 are made as a follow-up, which takes a laboratory minutes; without any, the decisive experiment that it proposes is
-performed.
-``--finished`` scores stored results of any code and diagnoses nothing; OUT can be an unpacked archive of ``results/``.
+performed. ``--finished`` scores stored results of any code and diagnoses nothing; OUT can be an unpacked archive of
+``results/``.
 ``--baselines`` adds other methods (:mod:`baselines`), which require ``pip install --group benchmark`` and test benches.
 """
 

@@ -154,6 +154,8 @@ def test_dead_and_saturated_channels_are_detected() -> None:
     levels = np.repeat([1.0, 3.0, 1.0, 3.0], 50)
     levels[49:53] = 1.5, 2.0, 2.5, 2.9
     assert data_quality.find_faulty_channels([make_experiment("a", levels)]) == ({}, [])
+    slack_or_clipped = np.clip(rng.normal(3.0, 3.0, 400), 0.0, 5.0)
+    assert "equals 5 N in" in data_quality.find_faulty_channels([make_experiment("a", slack_or_clipped)])[1][0]
     force = rng.normal(0.0, 3.0, 5000)  # 12 of 5000 samples are saturated
     ceiling = np.sort(force)[-12]
     assert (

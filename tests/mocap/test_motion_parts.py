@@ -157,14 +157,14 @@ def test_short_gaps_are_filled_and_long_ones_remain() -> None:
     assert np.isnan(filters.low_pass(edge, 100.0, 6.0)).sum() == 5
 
 
-def test_left_out_samples_are_a_gap() -> None:
+def test_missing_samples_are_a_gap() -> None:
     time = np.arange(100) / 100.0 + np.where(np.arange(100) % 3, 0.001, 0.0)  # a clock with jitter
     samples = np.stack([time, time**2], axis=1)
     is_present = (time < 0.2) | (time > 0.5)
-    all_times, complete = filters.insert_left_out_samples(time[is_present], samples[is_present])
+    all_times, complete = filters.insert_missing_samples(time[is_present], samples[is_present])
     assert all_times == pytest.approx(np.arange(100) / 100.0, abs=2e-3)
     assert np.isfinite(complete).all(axis=1).tolist() == is_present.tolist()
-    for unchanged, original in zip(filters.insert_left_out_samples(time, samples), (time, samples), strict=True):
+    for unchanged, original in zip(filters.insert_missing_samples(time, samples), (time, samples), strict=True):
         assert np.array_equal(unchanged, original)
 
 

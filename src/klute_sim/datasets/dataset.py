@@ -13,7 +13,6 @@ from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, RigName, res
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
 from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.initial_state import check_initial_state, parse_initial_state
-from klute_sim.datasets.left_out_rows import add_left_out_rows
 from klute_sim.datasets.load_bandwidth import describe_filtered_loads
 from klute_sim.datasets.mechanism import (
     DatasetMechanism,
@@ -21,6 +20,7 @@ from klute_sim.datasets.mechanism import (
     load_dataset_mechanism,
     select_shared,
 )
+from klute_sim.datasets.missing_rows import add_gap_findings
 from klute_sim.datasets.muscle_diameter import scale_muscle
 from klute_sim.datasets.remarks import collect_file_remarks, describe_accepted, describe_scope
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses, split_trials
@@ -163,7 +163,7 @@ def load_dataset(
             mechanism, trials, [channels.units for channels in contents], source, accepted_names
         )
     )
-    found = add_left_out_rows(found, trials, contents)
+    found = add_gap_findings(found, trials, contents)
     changes = checks.find_implausible_changes(trials, [entry.device for entry in file.trial])
     findings = [*changes, *found.findings]
     checks.check_accepted(file.accept, findings, channel_source, known_values, f"{source}, accept: ")

@@ -34,10 +34,8 @@ def find_term_without_effect(fit: Fit, intervals: Sequence[tuple[float, float]])
 def remove_absent_effects(selected: FinalModel, seed: int) -> FinalModel:
     """Return ``selected`` without effects whose interval contains their absence; then the names are a part.
 
-    ``seed`` is that of the restart of the fit without them.
-
     If such an effect is the only one, it stays as a proxy. With an imperfect law the intervals hold the scatter of the
-    effect between conditions, and predictions decide.
+    effect between conditions, and predictions decide. ``seed`` is that of the restart of the fit without them.
     """
     found = find_term_without_effect(selected.final_fit, selected.confidence_intervals)
     if found is None or selected.verdict != "identified":

@@ -354,13 +354,14 @@ def find_faulty_channels(experiments: Sequence[Experiment]) -> tuple[dict[str, s
 def _find_saturation_values(samples: Array) -> list[float]:
     """Return the highest or the lowest of ``samples`` where the channel is saturated.
 
-    Where both are far more frequent than any other value, the channel rests at two levels, whose digits are coarse.
+    A vented or slack sensor reads 0 by right. Where the highest and the lowest value, neither of them 0, are both far
+    more frequent than any other, the channel rests at two levels, whose digits are coarse.
     """
     values, counts = np.unique(samples, return_counts=True)
     other_counts = counts[1:-1][values[1:-1] != 0.0]
     min_count = max(MIN_SATURATED_SAMPLES, SATURATION_COUNT_RATIO * int(other_counts.max(initial=0)))
-    frequent = [float(values[k]) for k in (-1, 0) if counts[k] >= min_count]
-    return [value for value in frequent if value != 0.0] if len(frequent) < 2 else []
+    frequent = [float(values[k]) for k in (-1, 0) if values[k] != 0.0 and counts[k] >= min_count]
+    return frequent if len(frequent) < 2 else []
 
 
 def remove_channels(experiments: Sequence[Experiment], excluded: Container[tuple[str, str]]) -> list[Experiment]:

@@ -82,7 +82,7 @@ def _explain_step(step: SelectionStep, n_independent: float) -> dict[Identity, R
             continue
         reason = f"other candidates fit better: with it, BIC {format_bic_drop(gain, 1)}"
         if not has_converged[term]:
-            reason += " before the fit was stopped, too far behind"
+            reason += " (its fit was stopped early)"
         if step.added_term is not None:
             reason += f"; with {step.added_term}, it {format_bic_drop(gains[step.added_term], 1)}"
         rejections.setdefault(term.identity, Rejection(term, reason))

@@ -142,7 +142,7 @@ def _add_cop(
             f"unknown: name a column of cop_x in a file for --map, under [{side}], or add the force plates (.c3d, .mot)"
         )
         return False
-    cop = TimeSeries(*filters.insert_left_out_samples(time, position))
+    cop = TimeSeries(*filters.insert_missing_samples(time, position))
     vertical = channels["grf_vertical"]
     is_loaded = interpolate_load_mask(cop.time, vertical.time, find_loaded_samples(vertical.value))
     filled = filters.fill_gaps(np.where(is_loaded, cop.value, np.nan), cop.time)

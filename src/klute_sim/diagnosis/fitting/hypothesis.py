@@ -370,7 +370,7 @@ class Hypothesis:
 def _limit_number(key: str, nominal_values: Mapping[str, float], half_range: float) -> tuple[float, float]:
     """Return the bounds of a fitted number: within ``half_range`` of the nominal one, and such that a file accepts it.
 
-    ``nominal_values`` are all numbers, ``section.key`` -> value. Positive numbers but coordinates stay positive.
+    ``nominal_values`` are all numbers, ``section.key`` -> value. Positive numbers other than coordinates stay so.
     """
     nominal, lower = nominal_values[key], nominal_values[key] - half_range
     if nominal > 0.0 and not key.rpartition(".")[2].startswith("pos_"):

@@ -1,4 +1,4 @@
-"""Zero-lag low-pass filters, gaps (empty or left out) and resampling to uniform times."""
+"""Zero-lag low-pass filters, gaps (empty cells and missing rows) and resampling to uniform times."""
 
 from itertools import pairwise
 
@@ -23,8 +23,7 @@ MAX_GAP_TIME = 0.2
 MAX_CLOCK_JITTER = 0.2
 """Largest deviation from uniform times, in sampling intervals, that counts as rounding."""
 MAX_INTERVAL_RATIO = 1.5
-"""Largest ratio of an interval between samples to the median one; in a longer one the file leaves samples out
-(assumed)."""
+"""Largest ratio of an interval between samples to the median one; in a longer one samples are missing (assumed)."""
 MAX_INSERTED_SAMPLES = 100_000
 """Largest number of samples that are inserted in one interval, which bounds memory after a wrong time stamp."""
 MIN_TIME_STEP, MAX_TIME_STEP = 1e-5, 0.1
@@ -59,8 +58,8 @@ def low_pass(samples: Array, rate: float, cutoff: float) -> Array:
     return result
 
 
-def insert_left_out_samples(time: Array, samples: Array) -> tuple[Array, Array]:
-    """Return ``time`` [s] and ``samples`` (n, ...) with NaN at regular times where samples are left out."""
+def insert_missing_samples(time: Array, samples: Array) -> tuple[Array, Array]:
+    """Return ``time`` [s] and ``samples`` (n, ...) with NaN at regular times where samples are missing."""
     intervals = np.diff(time)
     typical = float(np.median(intervals))
     is_long = intervals > MAX_INTERVAL_RATIO * typical

@@ -50,7 +50,7 @@ class _UniformClock:
 
     def resample(self, column: Column, values: Array, cutoff: float) -> Array:
         """Return ``values`` of ``column``, filtered at ``cutoff`` [Hz], at these times; NaN outside the column."""
-        time, complete = filters.insert_left_out_samples(column.time, values)
+        time, complete = filters.insert_missing_samples(column.time, values)
         column_time = filters.make_uniform_time(time, column.source.path)
         uniform = filters.resample_uniform(column_time, time, filters.fill_gaps(complete, time))
         rate = (len(column_time) - 1) / (column_time[-1] - column_time[0])
@@ -187,7 +187,7 @@ def _build_leg(
     log: ImportLog,
 ) -> Leg | None:
     knee = leg_columns["knee_angle"]
-    knee_time, _ = filters.insert_left_out_samples(knee.time, knee.values)
+    knee_time, _ = filters.insert_missing_samples(knee.time, knee.values)
     clock = _UniformClock(filters.make_uniform_time(knee_time, knee.source.path))
     has_moment = channel_names.ANKLE_MOMENT in leg_columns
     load = load if has_moment else add_cop(load, leg_columns, side, options, log)

@@ -63,12 +63,12 @@ def _compute_inclination(vector: Array) -> Array:
 
 def preprocess_markers(markers: Markers, frame: WalkingFrame, cutoff: float, file_name: str) -> Markers:
     """Return ``markers`` in the walking frame at uniform times, with gaps filled, filtered at ``cutoff`` [Hz]."""
-    all_times, _ = filters.insert_left_out_samples(markers.time, markers.time)
+    all_times, _ = filters.insert_missing_samples(markers.time, markers.time)
     time = filters.make_uniform_time(all_times, file_name)
     rate = (len(time) - 1) / (time[-1] - time[0])
     filtered = {}
     for name, position in markers.positions.items():
-        _, complete = filters.insert_left_out_samples(markers.time, position)
+        _, complete = filters.insert_missing_samples(markers.time, position)
         uniform = filters.resample_uniform(time, all_times, filters.fill_gaps(complete, all_times))
         filtered[name] = filters.low_pass(frame.rotate(uniform), rate, cutoff)
     return Markers(time, filtered)

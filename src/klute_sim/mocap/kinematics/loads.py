@@ -212,7 +212,7 @@ def preprocess_load(loads: GroundReaction, description: str, options: ImportOpti
     Samples that the file leaves out are gaps. Short gaps are interpolated, unless a heel strike or toe-off is somewhere
     in them; the load is zero in swings that the file leaves out. The other gaps remain.
     """
-    loads = _insert_left_out_samples(loads)
+    loads = _insert_missing_samples(loads)
     offset = estimate_plate_offset(loads.vertical, loads.forward)
     _warn_of_offset(offset, description, loads.file_name, log)
     filled = fill_swings(loads.time, loads.vertical - offset.vertical)
@@ -226,10 +226,10 @@ def preprocess_load(loads: GroundReaction, description: str, options: ImportOpti
     return replace(loads, vertical=vertical, forward=forward)
 
 
-def _insert_left_out_samples(loads: GroundReaction) -> GroundReaction:
-    time, vertical = filters.insert_left_out_samples(loads.time, loads.vertical)
-    _, forward = filters.insert_left_out_samples(loads.time, loads.forward)
-    cop = None if loads.cop is None else filters.insert_left_out_samples(loads.time, loads.cop)[1]
+def _insert_missing_samples(loads: GroundReaction) -> GroundReaction:
+    time, vertical = filters.insert_missing_samples(loads.time, loads.vertical)
+    _, forward = filters.insert_missing_samples(loads.time, loads.forward)
+    cop = None if loads.cop is None else filters.insert_missing_samples(loads.time, loads.cop)[1]
     return replace(loads, time=time, vertical=vertical, forward=forward, cop=cop)
 
 

@@ -70,7 +70,7 @@ def extract_kinematics(
     channels = {}
     for name, column in columns.items():
         if column is not None:
-            time, values = filters.insert_left_out_samples(column.time, apply_given_sign(column, side, log))
+            time, values = filters.insert_missing_samples(column.time, apply_given_sign(column, side, log))
             channels[name] = TimeSeries(time, filters.fill_gaps(values, time))
     foot_loads = loads.read_foot_loads(trial, options, log)
     plates = loads.read_plate_loads(trial, None, log) if side not in foot_loads else {}

@@ -1,4 +1,4 @@
-"""Rows that a trial file leaves out: a simulation would bridge them by straight lines or splines.
+"""Rows that are missing in a trial file: a simulation would bridge them by straight lines or splines.
 
 Commands may be logged only when they change, and measured outputs may have gaps.
 """
@@ -28,10 +28,8 @@ LOAD_CHANNELS = (channels.VERTICAL_FORCE, "grf_forward", channels.GAP_TOLERANT_C
 """Channels of gait that do not matter while the foot is not loaded."""
 
 
-def add_left_out_rows(
-    found: TrialFindings, trials: Sequence[Trial], contents: Sequence[TrialChannels]
-) -> TrialFindings:
-    """Return ``found`` with findings on rows that the files of ``trials`` leave out; ``contents`` is what was read.
+def add_gap_findings(found: TrialFindings, trials: Sequence[Trial], contents: Sequence[TrialChannels]) -> TrialFindings:
+    """Return ``found`` with findings on rows that are missing in files of ``trials``; ``contents`` is what was read.
 
     The motion and the loads of a gait trial need every sample; other channels may be bridged where they move uniformly.
     """
@@ -43,7 +41,7 @@ def add_left_out_rows(
                 start, end = series.time[[row, row + 1]]
                 statement = (
                     f"`{name}` has no samples between {start:.6g} and {end:.6g} s ({content.locate[name](row)}), but "
-                    f"one every {series.sampling_interval:.3g} s elsewhere: rows are left out, which a simulation "
+                    f"one every {series.sampling_interval:.3g} s elsewhere: rows are missing, which a simulation "
                     "would bridge by a line; export every row, or end the trial there and begin another one"
                 )
                 findings.append(Finding("time-gap", f"trial '{trial.name}'", statement))
