@@ -97,6 +97,9 @@ def test_ranking_shows_every_step_with_the_accepted_candidate_first(diagnosis: D
     assert len(names) == len(diagnosis.selection_history[0].candidates)
     assert axes[0].get_xscale() == "log"
     bars = figures.rank_candidates(diagnosis, diagnosis.selection_history[0])
+    stopped = [replace(fit, converged=False) for fit in diagnosis.selection_history[0].refits]
+    step = replace(diagnosis.selection_history[0], refits=tuple(stopped))
+    assert [bar.converged for bar in figures.rank_candidates(diagnosis, step) if bar.accepted] == [True]  # later
     predicted = {words.format_term(c.term): c.predicted_gain for c in diagnosis.selection_history[0].candidates}
     assert {bar.name: bar.predicted_drop for bar in bars} == predicted
     assert [bar.accepted for bar in bars] == [True] + [False] * (len(bars) - 1)

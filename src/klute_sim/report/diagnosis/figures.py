@@ -127,7 +127,7 @@ class RankingBar(NamedTuple):
     bic_drop: float | None
     """Drop of BIC after refitting; None: not refitted."""
     converged: bool
-    """Whether the fit was continued until it converged."""
+    """Whether the fit was continued until it converged, as that of an accepted candidate is after the selection."""
     accepted: bool
 
 
@@ -144,7 +144,7 @@ def rank_candidates(diagnosis: Diagnosis, step: SelectionStep) -> list[RankingBa
                 words.format_term(c.term),
                 c.predicted_gain,
                 fall,
-                bool(refit and refit.converged),
+                c.term == step.added_term or bool(refit and refit.converged),
                 c.term == step.added_term,
             )
         )
