@@ -23,6 +23,7 @@ from klute_sim.diagnosis.verdict import DEVICE_FILE_NAME, verdict_to_dict
 from klute_sim.diagnosis.workflow import diagnose as run_diagnosis
 from klute_sim.errors import InputError, MissingExtraError
 from klute_sim.gait.replay.recording_mistakes import find_recording_mistakes
+from klute_sim.plant.mjcf.model_export import write_files
 from klute_sim.recording.run_folder import create_run_folder
 from klute_sim.types import ProgressCallback
 
@@ -174,8 +175,7 @@ class DiagnosisResult(Printable):
         diagnosis = self.diagnosis
         if diagnosis.fitted_device is not None:
             (folder / DEVICE_FILE_NAME).write_bytes(diagnosis.fitted_device.content)
-        for name, content in build_mechanism_files(diagnosis).items():
-            (folder / name).write_bytes(content)
+        write_files(build_mechanism_files(diagnosis), folder)
         (folder / "verdict.json").write_text(
             json.dumps(verdict_to_dict(diagnosis, predictions), indent=2, allow_nan=False) + "\n", "utf-8"
         )

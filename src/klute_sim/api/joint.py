@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 from klute_sim.api.inputs import DeviceLike, ignore_progress, to_device
 from klute_sim.api.rendering import Summary
 from klute_sim.api.trial_run import TrialResult, TrialRun
+from klute_sim.datasets.mechanism_channels import name_files
 from klute_sim.errors import InputError, suggest
 from klute_sim.mechanism.export import format_mjcf
 from klute_sim.mechanism.mounting import mount_devices
 from klute_sim.mechanism.protocols import ProtocolSettings
 from klute_sim.mechanism.run import JointTestResult, find_joint, run_joint_test
-from klute_sim.plant.callbacks import compile_model
+from klute_sim.plant.mjcf.model_export import build_model_files, collect_model_files, write_files
 from klute_sim.plant.mjcf.model_file import load_model_file
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
 from klute_sim.recording.frequency_response import (
@@ -108,12 +109,11 @@ class JointRun(TrialRun):
     def _write_inputs(self, folder: Path) -> None:
         from klute_sim.report.joint.response import format_response_csv
 
-        for name, device in self.result.devices.items():
-            (folder / f"{name}.toml").write_bytes(device.content)
+        for name, stem in name_files(self.result.devices).items():
+            (folder / f"{stem}.toml").write_bytes(self.result.devices[name].content)
         spec = self.result.file.make_spec()
         set_model_numbers(spec, self.result.numbers)
-        compile_model(spec)  # MuJoCo writes compiled models only
-        (folder / "model.xml").write_text(spec.to_xml(), "utf-8")
+        write_files(build_model_files(self.result.file, spec), folder)
         if self.comparison is not None:
             (folder / "response.csv").write_text(format_response_csv(self.comparison, self.result.unit), "utf-8")
 
@@ -204,11 +204,11 @@ def export_mjcf(
         raise InputError(f"{file.path} has no tendon with a name, so nothing can carry a device")
     assigned = assign_devices(device, tendons, may_omit=True)
     devices = {name: to_device(entry) for name, entry in assigned.items()}
-    text = format_mjcf(file, devices, {**mount_devices(file, devices), **(numbers or {})})
+    files = collect_model_files(file, format_mjcf(file, devices, {**mount_devices(file, devices), **(numbers or {})}))
     with create_run_folder("export", folder) as (final_folder, scratch):
-        (scratch / "model.xml").write_text(text, "utf-8")
-        for name, tendon_device in devices.items():
-            (scratch / f"{name}.toml").write_bytes(tendon_device.content)
+        write_files(files, scratch)
+        for name, stem in name_files(devices).items():
+            (scratch / f"{stem}.toml").write_bytes(devices[name].content)
     return final_folder
 
 

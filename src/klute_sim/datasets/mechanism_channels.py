@@ -6,6 +6,8 @@ object, the unit, and whether the channel can be prescribed, measured or both.
 """
 
 import re
+from collections.abc import Iterable
+from itertools import chain, count
 from typing import Literal, NamedTuple
 
 from klute_sim.errors import InputError
@@ -75,6 +77,16 @@ class Channel(NamedTuple):
 def normalize_name(name: str) -> str:
     """Return the ``name`` of an object as it stands in a channel: small letters, and ``_`` for other characters."""
     return re.sub(r"\W", "_", name.lower(), flags=re.ASCII)
+
+
+def name_files(names: Iterable[str]) -> dict[str, str]:
+    """Return name of an object -> name of its file without ending: as in a channel, with a number if it is taken."""
+    stems: dict[str, str] = {}
+    for name in names:
+        stem, taken = normalize_name(name), set(stems.values())
+        numbered = chain([stem], (f"{stem}_{number}" for number in count(2)))
+        stems[name] = next(option for option in numbered if option not in taken)
+    return stems
 
 
 def parse_channel(name: str) -> Channel:

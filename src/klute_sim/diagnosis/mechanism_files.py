@@ -1,17 +1,15 @@
 """Files of a diagnosed mechanism: the device of each tendon, and the MJCF model with its fitted numbers."""
 
+from klute_sim.datasets.mechanism_channels import name_files
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.mjcf.model_effects import apply_model_effects
+from klute_sim.plant.mjcf.model_export import build_model_files
 from klute_sim.plant.mjcf.model_numbers import set_model_numbers
-
-MODEL_FILE_NAME = "model.xml"
-"""Name of the file of the model."""
 
 
 def build_mechanism_files(diagnosis: Diagnosis) -> dict[str, bytes]:
-    """Return name -> content of ``model.xml`` and ``device-TENDON.toml`` as the recommended fit has them.
+    """Return name -> content of ``device-TENDON.toml`` and of the model's files as the recommended fit has them.
 
     Empty on another rig and without a fit. Numbers that single trials change keep the values of the dataset.
     """
@@ -20,8 +18,9 @@ def build_mechanism_files(diagnosis: Diagnosis) -> dict[str, bytes]:
         return {}
     fit = diagnosis.recommended_fit
     source = diagnosis.dataset.folder.resolve().name
+    stems = name_files(mechanism.devices)
     files = {
-        f"device-{tendon}.toml": device.content
+        f"device-{stems[tendon]}.toml": device.content
         if diagnosis.is_declared_best
         else augment_device(fit, source, device, tendon).content
         for tendon, device in mechanism.devices.items()
@@ -30,5 +29,4 @@ def build_mechanism_files(diagnosis: Diagnosis) -> dict[str, bytes]:
     set_model_numbers(spec, {**mechanism.numbers, **fit.hypothesis.collect_model_numbers(fit.values)})
     (setup,) = fit.hypothesis.build_setups(fit.x, diagnosis.experiments[:1])
     apply_model_effects(spec, setup.model_effects)
-    compile_model(spec)  # MuJoCo writes compiled models only
-    return {**files, MODEL_FILE_NAME: spec.to_xml().encode()}
+    return {**files, **build_model_files(mechanism.file, spec)}

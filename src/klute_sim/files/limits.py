@@ -27,6 +27,8 @@ DEVICE = FileKind("device file", MB)
 DATASET = FileKind("", MB)
 PROTOCOL = FileKind("protocol file", MB)
 MJCF = FileKind("MJCF file", MB)
+MODEL_ASSET = FileKind("file of a model", 64 * MB)
+"""A mesh or a picture."""
 STATE_MACHINE = FileKind("state machine", MB)
 MAPPING = FileKind("", MB)
 TRAINING_CONFIG = FileKind("configuration", MB)

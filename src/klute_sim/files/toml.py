@@ -126,11 +126,11 @@ def _format_lines(content: Mapping[str, Any], prefix: str) -> list[str]:
         if isinstance(section, dict):
             # A table that holds nothing but tables needs no header of its own.
             is_parent = bool(section) and all(isinstance(value, dict) for value in section.values())
-            header = [] if is_parent else ["", f"[{prefix}{title}]"]
-            lines += [*header, *_format_lines(section, f"{prefix}{title}.")]
+            header = [] if is_parent else ["", f"[{prefix}{format_key(title)}]"]
+            lines += [*header, *_format_lines(section, f"{prefix}{format_key(title)}.")]
         elif _is_table(section):
             for item in section:
-                lines += ["", f"[[{prefix}{title}]]", *_format_pairs(item)]
+                lines += ["", f"[[{prefix}{format_key(title)}]]", *_format_pairs(item)]
     return lines
 
 
@@ -141,15 +141,17 @@ def _is_table(value: Any) -> bool:
 
 def _format_pairs(values: Mapping[str, Any]) -> list[str]:
     return [
-        f"{_format_key(key)} = {_format_text(value) if isinstance(value, str) else json.dumps(value)}"
+        f"{format_key(key)} = {format_text(value) if isinstance(value, str) else json.dumps(value)}"
         for key, value in values.items()
     ]
 
 
-def _format_key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _format_text(key)
+def format_key(key: str) -> str:
+    """Return ``key`` as it stands in TOML: in quotation marks where it has other characters than a plain key."""
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else format_text(key)
 
 
-def _format_text(value: str) -> str:
+def format_text(value: str) -> str:
+    """Return ``value`` as a string of TOML."""
     # JSON strings are TOML strings, except for the one control character that JSON leaves as it is.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -341,7 +341,7 @@ class Hypothesis:
         }
         declared = dict(self.mechanism_numbers)
         for name, value in self.collect_mechanism_numbers(values).items():
-            owner, separator, key = name.partition(DEVICE_SEPARATOR)
+            owner, separator, key = name.rpartition(DEVICE_SEPARATOR)
             if separator and owner == tendon:
                 corrected[key] = corrected.get(key, own_values[key]) + value - declared[name]
         for parameter, value in zip(self.parameters, values, strict=True):
@@ -358,7 +358,7 @@ class Hypothesis:
 
     def list_fitted_keys(self, tendon: str | None) -> set[str]:
         """Return ``section.key`` of all fitted numbers of the device on ``tendon`` (None: no mechanism)."""
-        own = (name.partition(DEVICE_SEPARATOR) for name, _ in self.mechanism_numbers)
+        own = (name.rpartition(DEVICE_SEPARATOR) for name, _ in self.mechanism_numbers)
         shared = self.collect_numbers([p.initial for p in self.parameters])
         return {*shared, *(key for owner, separator, key in own if separator and owner == tendon)}
 

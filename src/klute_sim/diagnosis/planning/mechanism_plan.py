@@ -8,7 +8,7 @@ import numpy as np
 
 from klute_sim.datasets.format import FORMAT_NAME
 from klute_sim.datasets.mechanism import DEVICE_SEPARATOR
-from klute_sim.datasets.mechanism_channels import DISPLAY_UNITS, normalize_name, parse_channel
+from klute_sim.datasets.mechanism_channels import DISPLAY_UNITS, name_files, normalize_name, parse_channel
 from klute_sim.datasets.trial import Use
 from klute_sim.datasets.unit_conversion import get_conversion_factor
 from klute_sim.datasets.write import write_trial
@@ -20,11 +20,12 @@ from klute_sim.diagnosis.planning.measurement_plan import (
     is_complete_split,
     list_repeat_files,
 )
+from klute_sim.files.toml import format_key, format_text
 from klute_sim.mechanism.assembly import Mechanism
 from klute_sim.mechanism.protocols import JointTrial
 from klute_sim.mechanism.run import make_inputs
 from klute_sim.mechanism.simulate import simulate_mechanism
-from klute_sim.plant.callbacks import compile_model
+from klute_sim.plant.mjcf.model_export import MODEL_FILE_NAME, build_model_files, write_files
 from klute_sim.plant.mjcf.model_file import MODEL_NAMES, ModelFile
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
 from klute_sim.types import Array
@@ -79,7 +80,10 @@ class MechanismPlan:
     def device_files(self) -> dict[str, str]:
         """Tendon -> name of its device file; one file where all devices are equal."""
         are_equal = len({device.digest for device in self.devices.values()}) == 1
-        return {tendon: "device.toml" if are_equal else f"device-{tendon}.toml" for tendon in self.devices}
+        return {
+            tendon: "device.toml" if are_equal else f"device-{stem}.toml"
+            for tendon, stem in name_files(self.devices).items()
+        }
 
     def assign_use(self, test: str) -> Use | None:
         """Return the use of the trials of ``test``; None where :func:`is_complete_split` leaves it to the split."""
@@ -108,9 +112,7 @@ def write_mechanism_plan(plan: MechanismPlan, folder: Path, *, simulate: bool) -
     for tendon, file in plan.device_files.items():
         (folder / file).write_bytes(plan.devices[tendon].content)
     if plan.file.name not in MODEL_NAMES:
-        spec = plan.file.make_spec()
-        compile_model(spec)  # MuJoCo writes compiled models only
-        (folder / "model.xml").write_text(spec.to_xml(), "utf-8")
+        write_files(build_model_files(plan.file, plan.file.make_spec()), folder)
     (folder / "dataset.toml").write_text(_format_dataset(plan, simulated=simulate), "utf-8")
     (folder / "README.txt").write_text(_format_readme(plan, simulated=simulate), "utf-8")
 
@@ -176,7 +178,7 @@ def _list_uncertainties(plan: MechanismPlan) -> dict[str, str]:
 
 
 def _format_dataset(plan: MechanismPlan, *, simulated: bool) -> str:
-    model = plan.file.name if plan.file.name in MODEL_NAMES else "model.xml"
+    model = plan.file.name if plan.file.name in MODEL_NAMES else MODEL_FILE_NAME
     _, inputs = plan.make_commands(plan.trials[0][1])
     files = plan.device_files
     own_files = files if len(set(files.values())) > 1 else {}
@@ -189,15 +191,19 @@ def _format_dataset(plan: MechanismPlan, *, simulated: bool) -> str:
         f'device = "{next(iter(files.values()))}"',
         f"prescribed = {_format_list(inputs)}",
         f"measured = {_format_list(plan.measured)}",
-        *(line for tendon, file in own_files.items() for line in ("", f"[devices.{tendon}]", f'device = "{file}"')),
+        *(
+            line
+            for tendon, file in own_files.items()
+            for line in ("", f"[devices.{format_key(tendon)}]", f'device = "{file}"')
+        ),
         "",
         "# Numbers of the model that differ from its file, such as the heights of a frame that fits the muscles.",
         "[numbers]",
-        *(f'"{name}" = {value!r}' for name, value in plan.numbers.items()),
+        *(f"{format_text(name)} = {value!r}" for name, value in plan.numbers.items()),
         "",
         "# Standard deviations of uncertain numbers of devices and model. Delete the numbers that you know exactly.",
         "[uncertain]",
-        *(f'"{key}" = "{deviation}"' for key, deviation in _list_uncertainties(plan).items()),
+        *(f'{format_text(key)} = "{deviation}"' for key, deviation in _list_uncertainties(plan).items()),
     ]
     for test, trial in plan.trials:
         use = plan.assign_use(test)
