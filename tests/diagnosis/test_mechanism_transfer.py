@@ -14,7 +14,7 @@ from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.transfer import predict_dataset
+from klute_sim.diagnosis.transfer import _declare_mechanism_numbers, _describe_rule, predict_dataset
 from klute_sim.errors import InputError
 from klute_sim.report.diagnosis.prediction import build_numbers_table
 from tests.diagnosis.synthetic_joint_dataset import write_dataset
@@ -98,6 +98,25 @@ def test_numbers_of_tendons_and_model_are_carried_over(first: Dataset, other: Da
     assert numbers[f"flexor/{STIFFNESS}"].rule == "the declared 30, changed as much as in the fit"
     text = render_text([build_numbers_table(prediction)])
     assert all(name in text for name in expected)
+
+
+def test_coordinate_keeps_its_change_and_a_declared_zero_stays(first: Dataset, other: Dataset) -> None:
+    """The same for an uncertain coordinate and for one that is wrong."""
+    coordinate = "model.site.end.pos_x"
+    assert _describe_rule(coordinate, 0.04, 0.044) == "the declared 0.04, moved by as much as in the fit"
+    assert _describe_rule("muscle.friction_offset_n", 0.0, 0.0) == "the declared 0, which a relative change leaves"
+    base = Hypothesis(first.device, ((coordinate, 0.002),), (), (), (), ((coordinate, 0.02),))
+    wrong = Hypothesis(first.device, (), (), (make_error(coordinate),), (), ((coordinate, 0.02),))
+    assert other.mechanism is not None
+    moved = replace(other.mechanism, model_values={**other.mechanism.model_values, coordinate: 0.04})
+    for hypothesis in (base, wrong):
+        carried = _declare_mechanism_numbers(hypothesis, replace(other, mechanism=moved))
+        (value,) = carried.values(np.array([2.0]))
+        assert value == pytest.approx(0.044)
+
+
+def make_error(key: str) -> EffectTerm:
+    return EffectTerm("number_error", "value", number=key)
 
 
 def test_prediction_without_added_effects_mentions_none(first: Dataset, other: Dataset) -> None:

@@ -64,9 +64,10 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
     """Return how well the device that ``diagnosis`` found predicts ``dataset``, without any fit to it.
 
     The other dataset declares its own device, which states the changes of geometry. A number that the diagnosis fitted
-    keeps its *relative* change. Effects of device and body are added as they were found; a parameter that changes with
-    the muscle's diameter changes with the ratio of the bladder radii. Faults of instruments and errors of the
-    registration belong to the first set-up and stay there.
+    keeps its *relative* change, a coordinate of the model its absolute one, because its zero is arbitrary. Effects of
+    device and body are added as they were found; a parameter that changes with the muscle's diameter changes with the
+    ratio of the bladder radii. Faults of instruments and errors of the registration belong to the first set-up and stay
+    there.
 
     Dead, copied, contradicted and saturated data are not compared. Trials are predicted whatever their ``use``.
 
@@ -184,8 +185,8 @@ def _list_numbers(
     listed = []
     for key, found in found_numbers.items():
         if key in used_numbers:
-            rule = f"the declared {declared[key]:.4g}, changed as much as in the fit" if declared[key] else "as found"
-            listed.append(TransferredNumber(key, found, used_numbers[key], rule))
+            used = used_numbers[key]
+            listed.append(TransferredNumber(key, found, used, _describe_rule(key, declared[key], used)))
     rows = zip(hypothesis.parameters, hypothesis.values(x), hypothesis.values(scaled_x), strict=True)
     for parameter, found, used in rows:
         if parameter.term_index is None or hypothesis.terms[parameter.term_index].number:
@@ -197,6 +198,20 @@ def _list_numbers(
             rule += ", cut off at a limit of the effect"
         listed.append(TransferredNumber(f"{term.qualified_name}.{parameter.name}", found, used, rule))
     return tuple(listed)
+
+
+def _is_coordinate(name: str) -> bool:
+    """Return whether ``name`` is a coordinate of a geom or a site, whose change is absolute: its zero is arbitrary."""
+    return is_model_number(name) and name.rpartition(".")[2].startswith("pos_")
+
+
+def _describe_rule(key: str, declared: float, used: float) -> str:
+    """Return how the number ``key`` of another dataset follows from its ``declared`` value."""
+    if _is_coordinate(key):
+        return f"the declared {declared:.4g}, moved by as much as in the fit"
+    if declared == 0.0:
+        return "the declared 0, which a relative change leaves" if used == 0.0 else "as found"
+    return f"the declared {declared:.4g}, changed as much as in the fit"
 
 
 def _collect_numbers(dataset: Dataset, hypothesis: Hypothesis, values: Sequence[float]) -> dict[str, float]:
@@ -239,7 +254,8 @@ def _declare_mechanism_numbers(hypothesis: Hypothesis, dataset: Dataset) -> Hypo
             continue
         numbers[name] = known[name]
         if name in deviations:
-            deviations[name] *= abs(known[name] / declared) if declared != 0.0 else 1.0
+            is_relative = declared != 0.0 and not _is_coordinate(name)
+            deviations[name] *= abs(known[name] / declared) if is_relative else 1.0
     return replace(hypothesis, uncertainties=tuple(deviations.items()), mechanism_numbers=tuple(numbers.items()))
 
 
