@@ -121,6 +121,7 @@ def test_tuned_profile_is_closer_to_the_human_ankle_than_the_hand_tuned_one() ->
     assert compute_objective(tuned) < 0.8 * compute_objective(hand)
 
 
+@pytest.mark.slow
 def test_device_and_profile_that_were_tuned_together_reach_their_goals_but_for_the_last_of_the_moment() -> None:
     """The lever of a rigid sole grows in push-off, so the moment cannot come as close as the goal of 0.39."""
     tuned, hand = (simulate_baseline(name).strides[-1] for name in ("tuned-with-device", "hand-tuned"))

@@ -15,7 +15,9 @@ from klute_sim.datasets.trial_files import expressions
 from klute_sim.errors import InputError
 
 FEW_CASES = {"c3d": 6, "mat73-dataset": 3}
-"""Number of cases in the default run; 25 for all other kinds."""
+"""Number of cases of one test; 15 of all other kinds."""
+SLOW_KINDS = {"bench-folder", "c3d", "mat73-dataset", "treadmill"}
+"""Kinds that take seconds."""
 
 
 def _skip_without_extra(name: str) -> None:
@@ -26,7 +28,7 @@ def _skip_without_extra(name: str) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(kind, marks=pytest.mark.slow if kind == "bench-folder" else []) for kind in file_kinds.KINDS],
+    [pytest.param(kind, marks=pytest.mark.slow if kind in SLOW_KINDS else []) for kind in file_kinds.KINDS],
 )
 def test_mutated_file_is_read_or_refused_in_one_sentence(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     _skip_without_extra(name)
@@ -164,6 +166,7 @@ def test_campaign_resumes_and_prints_a_table(tmp_path: Path, monkeypatch: pytest
     assert mutations.format_table(results).splitlines()[1].split() == ["device", "1000", "40", "1", "1.5", "120"]
 
 
+@pytest.mark.slow
 def test_module_shows_its_options() -> None:
     command = [sys.executable, "-m", "benchmarks.robustness.mutations", "--help"]
     shown = subprocess.run(command, capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2]).stdout

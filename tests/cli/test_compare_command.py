@@ -195,6 +195,7 @@ def test_rerun_recording_contains_curves(compared: tuple[Path, dict[str, Any]]) 
     assert 'href="comparison.rrd"' in (file.parent / "index.html").read_text()
 
 
+@pytest.mark.slow
 def test_missing_rerun_is_reported(gait_runs: Path, tmp_path: Path) -> None:
     (tmp_path / "rerun").mkdir()
     (tmp_path / "rerun" / "__init__.py").write_text("raise ImportError('not here')")

@@ -123,6 +123,7 @@ def test_excess_cylinder_pressure_is_reported(tmp_path: Path) -> None:
     assert "klute-sim gait --device o/device.toml --controller o/profile.csv --mass 75" in " ".join(summary["remarks"])
 
 
+@pytest.mark.slow
 def test_strength_has_one_verdict(walker: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
     remarks = " ".join(walker[1]["remarks"])  # type: ignore[call-overload]
     assert "strong enough" in remarks

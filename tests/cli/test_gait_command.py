@@ -230,6 +230,7 @@ def test_ctrl_c_leaves_no_half_written_run(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_full_disk_is_one_sentence_and_leaves_no_file(tmp_path: Path) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full")

@@ -62,6 +62,7 @@ def test_walks_are_swept_and_options_of_the_other_rig_are_refused(tmp_path: Path
         assert len(refused.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_joint_is_swept_over_gains_and_loads(tmp_path: Path) -> None:
     arguments = (
         "--rig",
@@ -149,6 +150,7 @@ def test_unsuitable_device_is_a_row_with_the_reason(finished_sweep: tuple[Path, 
         assert row["trips"] is None
 
 
+@pytest.mark.slow
 def test_csv_reads_back_and_the_plan_contains_the_inputs(finished_sweep: tuple[Path, dict[str, Any]]) -> None:
     folder, output = finished_sweep
     with (folder / "s" / "sweep.csv").open(newline="") as file:
@@ -162,6 +164,7 @@ def test_csv_reads_back_and_the_plan_contains_the_inputs(finished_sweep: tuple[P
     assert files == {"index.html", "figure.png", "sweep.parquet", "sweep.csv", "sweep.json", RESULTS_FOLDER}
 
 
+@pytest.mark.slow
 def test_same_command_shows_the_table_without_simulating(
     finished_sweep: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

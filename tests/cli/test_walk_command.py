@@ -122,6 +122,7 @@ def test_comparison_names_no_sign_from_one_walker_and_lists_falls() -> None:
     assert "needs a stiffness in N·m/deg, as in spring-foot:8" in refused.stderr
 
 
+@pytest.mark.slow
 def test_adapted_walkers_are_compared_as_groups_unless_the_change_is_acute() -> None:
     adapted = ks.compare_walks("machine", "off", seconds=4.0)
     assert not adapted.is_paired

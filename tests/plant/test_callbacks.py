@@ -370,7 +370,10 @@ OTHER_MUJOCO = (
 
 @pytest.mark.parametrize(
     ("hidden", "reason"),
-    [(NO_NUMBA, "numba cannot be imported"), (OTHER_MUJOCO, "MuJoCo 9 stores act at other offsets")],
+    [
+        (NO_NUMBA, "numba cannot be imported"),
+        pytest.param(OTHER_MUJOCO, "MuJoCo 9 stores act at other offsets", marks=pytest.mark.slow),
+    ],
 )
 def test_python_backend_replaces_an_impossible_compilation_with_one_warning(hidden: str, reason: str) -> None:
     code = "for _ in range(3):\n  with callbacks.device_callbacks() as backend: print(backend)"

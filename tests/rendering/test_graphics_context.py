@@ -100,6 +100,7 @@ def test_missing_extra_is_one_sentence(without_display: pytest.MonkeyPatch) -> N
         AnkleGaitEnv(render_mode="rgb_array")
 
 
+@pytest.mark.slow
 def test_unusable_choice_of_the_user_is_one_sentence() -> None:
     last_line = run_without_display(PICTURE, MUJOCO_GL="glfw").splitlines()[-1]
     assert "RenderingError: MuJoCo cannot draw pictures" in last_line

@@ -129,6 +129,7 @@ def test_trials_of_a_bench_run_follow_each_other_and_long_ones_play_faster(bench
     assert max(durations) <= video.MAX_TRIAL_SECONDS
 
 
+@pytest.mark.slow
 @needs_library
 def test_command_writes_a_looping_video(bench: Path, tmp_path: Path) -> None:
     completed = run("view", str(bench), "--video", "videos/bench.gif", "--size", "48", "32", cwd=tmp_path)
