@@ -115,6 +115,35 @@ def test_coordinate_keeps_its_change_and_a_declared_zero_stays(first: Dataset, o
         assert value == pytest.approx(0.044)
 
 
+@pytest.mark.parametrize("owner", [None, "flexor"])
+def test_effect_of_the_muscle_follows_the_diameter_of_its_own_tendon(owner: str | None, first: Dataset) -> None:
+    assert first.mechanism is not None
+    thin = first.mechanism.devices["flexor"]
+    radius = thin.spec.collect_values()["muscle.bladder_radius_mm"]
+    wide = thin.with_changes({"muscle.bladder_radius_mm": 2.0 * radius, "muscle.turns_per_m": 4.103})
+    mechanism = replace(first.mechanism, devices={"flexor": thin, "extensor": wide})
+    if owner:
+        mechanism = replace(first.mechanism, devices={"flexor": wide, "extensor": thin})
+    term = EffectTerm("muscle_damping", "pressure", tendon=owner)
+    diagnosis = make_diagnosis(first, term, x=[0.0, 0.0, 0.0, 1.0])
+    prediction = predict_dataset(diagnosis, replace(first, mechanism=mechanism))
+    used = {n.name: n.used / n.found for n in prediction.numbers if n.name.startswith("muscle_damping")}
+    key = "coefficient_n_s_per_m"
+    expected = {f"muscle_damping@flexor.{key}": 4.0}
+    if owner is None:
+        expected = {f"muscle_damping@flexor.{key}": 1.0, f"muscle_damping@extensor.{key}": 4.0}
+    assert used == pytest.approx(expected)
+
+
+def test_effect_of_a_tendon_that_is_not_there_is_one_sentence(first: Dataset) -> None:
+    assert first.mechanism is not None
+    flexor = {"flexor": first.mechanism.devices["flexor"]}
+    term = EffectTerm("muscle_damping", "pressure", tendon="extensor")
+    diagnosis = make_diagnosis(first, term, x=[0.0, 0.0, 0.0, 1.0])
+    with pytest.raises(InputError, match=r"no tendon 'extensor'.*tendons: flexor"):
+        predict_dataset(diagnosis, replace(first, mechanism=replace(first.mechanism, devices=flexor)))
+
+
 def make_error(key: str) -> EffectTerm:
     return EffectTerm("number_error", "value", number=key)
 

@@ -1,17 +1,18 @@
 """Prediction of another dataset by what a diagnosis has found: other lengths, another diameter, another specimen."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from klute_sim.datasets.dataset import Dataset, split_dataset
 from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
+from klute_sim.device.device import Device
 from klute_sim.diagnosis.data_quality import clean_data
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.fitting.hypothesis import FitParameter, Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import list_channels
@@ -77,6 +78,8 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
     if diagnosis.base_fit is None or diagnosis.final_fit is None:
         raise InputError("the diagnosis fitted nothing, so it cannot predict another dataset; see its reasons")
     check_predictable(diagnosis.dataset, dataset)
+    final_hypothesis, final_x = _detach_setup(diagnosis.final_fit, dataset)
+    _check_effects(final_hypothesis, dataset)
     experiments = [replace(e, use="fit") for e in prepare_experiments(dataset, split_dataset(dataset))]
     if any(e.holds_command for e in diagnosis.experiments):
         # A command that is linear in the diagnosis has a variant that is held.
@@ -84,12 +87,11 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
         experiments = [(e.held_variant or e) if holds_all or e.has_stepped_command else e for e in experiments]
     nominal = Hypothesis(dataset.device, (), ())
     base_hypothesis, base_x = _detach_setup(diagnosis.base_fit, dataset)
-    final_hypothesis, final_x = _detach_setup(diagnosis.final_fit, dataset)
     if not diagnosis.added_terms:  # the final fit is the base fit with smaller tolerances
         base_x = final_x
-    _check_effects(final_hypothesis, dataset)
-    ratio = _compute_diameter_ratio(diagnosis.dataset, dataset)
-    scaled_x = _scale_parameters(final_hypothesis, final_x, ratio)
+    ratios = _compute_diameter_ratios(diagnosis.dataset, dataset)
+    final_hypothesis, final_x = _separate_tendons(final_hypothesis, final_x, ratios)
+    scaled_x = _scale_parameters(final_hypothesis, final_x, ratios)
     candidates = [
         (nominal, nominal.initial_point()),
         (base_hypothesis, base_x),
@@ -117,7 +119,7 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
     return TransferPrediction(
         dataset_name=_get_name(dataset),
         channels=channels,
-        numbers=_list_numbers(diagnosis, dataset, final_hypothesis, final_x, scaled_x, ratio),
+        numbers=_list_numbers(diagnosis, dataset, final_hypothesis, final_x, scaled_x, ratios),
         trials=tuple(
             PredictedTrial(
                 name=e.name,
@@ -134,9 +136,14 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
 
 
 def _check_effects(hypothesis: Hypothesis, dataset: Dataset) -> None:
-    """Raise InputError where a device of ``dataset`` has one of the effects already that are to be added to it."""
+    """Raise InputError where ``dataset`` lacks the tendon of an effect, or a device of it has the effect already."""
     devices = {"": dataset.device} if dataset.mechanism is None else dataset.mechanism.devices
     for term in hypothesis.terms:
+        if term.tendon is not None and term.tendon not in devices:
+            raise InputError(
+                f"dataset '{_get_name(dataset)}' has no tendon '{term.tendon}', whose device has the effect "
+                f"'{term.effect}' in the diagnosis; tendons: {', '.join(devices)}"
+            )
         for tendon, device in devices.items():
             if term.tendon in (None, tendon) and term.effect in device.spec.effects:
                 raise InputError(
@@ -145,22 +152,63 @@ def _check_effects(hypothesis: Hypothesis, dataset: Dataset) -> None:
                 )
 
 
-def _compute_diameter_ratio(first: Dataset, other: Dataset) -> float:
-    """Return the bladder radius of the device of ``other`` over that of ``first``, both as declared [1]."""
-    muscles = first.device.spec.muscle, other.device.spec.muscle
-    if muscles[0] is None or muscles[1] is None:
-        return 1.0
-    return muscles[1].bladder_radius_mm / muscles[0].bladder_radius_mm
+def _compute_diameter_ratios(first: Dataset, other: Dataset) -> dict[str | None, float]:
+    """Return tendon (None: no mechanism) -> bladder radius declared by ``other`` over that declared by ``first`` [1].
+
+    It is 1 without a muscle. A mechanism has an entry for None where the ratio of all tendons is the same.
+    """
+    pairs: dict[str | None, tuple[Device, Device]] = {None: (first.device, other.device)}
+    if first.mechanism is not None and other.mechanism is not None:
+        devices = other.mechanism.devices
+        pairs = {name: (device, devices[name]) for name, device in first.mechanism.devices.items() if name in devices}
+    ratios = {}
+    for tendon, pair in pairs.items():
+        radii = [device.spec.muscle.bladder_radius_mm for device in pair if device.spec.muscle is not None]
+        ratios[tendon] = radii[1] / radii[0] if len(radii) == 2 else 1.0
+    if len(set(ratios.values())) == 1:
+        ratios[None] = next(iter(ratios.values()))
+    return ratios
 
 
-def _scale_parameters(hypothesis: Hypothesis, x: Array, ratio: float) -> Array:
-    """Return the normalized parameters ``x`` for a muscle with ``ratio`` times the diameter."""
+def _separate_tendons(hypothesis: Hypothesis, x: Array, ratios: Mapping[str | None, float]) -> tuple[Hypothesis, Array]:
+    """Return ``hypothesis`` and ``x`` with one term per tendon for each that all devices have, if ``ratios`` differ.
+
+    Only terms with a parameter that changes with the diameter are separated.
+    """
+    if None in ratios:
+        return hypothesis, x
+    terms: list[EffectTerm] = []
+    n_numbers = sum(parameter.term_index is None for parameter in hypothesis.parameters)
+    blocks = [x[:n_numbers]]
+    for index, term in enumerate(hypothesis.terms):
+        own = [k for k, parameter in enumerate(hypothesis.parameters) if parameter.term_index == index]
+        is_shared = term.tendon is None and any(
+            _find_diameter_exponent(hypothesis, hypothesis.parameters[k]) for k in own
+        )
+        separated = [term._replace(tendon=tendon) for tendon in ratios] if is_shared else [term]
+        terms += separated
+        blocks += [x[own]] * len(separated)
+    return replace(hypothesis, terms=tuple(terms)), np.concatenate(blocks)
+
+
+def _scale_parameters(hypothesis: Hypothesis, x: Array, ratios: Mapping[str | None, float]) -> Array:
+    """Return the normalized parameters ``x`` for muscles with ``ratios`` times the diameters."""
     scaled = x.copy()
     for index, (parameter, value) in enumerate(zip(hypothesis.parameters, hypothesis.values(x), strict=True)):
-        exponent = _find_diameter_exponent(hypothesis, parameter)
-        if exponent and ratio != 1.0:
-            scaled[index] = parameter.normalize(value * ratio**exponent)
+        factor = _compute_diameter_factor(hypothesis, parameter, ratios)
+        if factor != 1.0:
+            scaled[index] = parameter.normalize(value * factor)
     return scaled
+
+
+def _compute_diameter_factor(
+    hypothesis: Hypothesis, parameter: FitParameter, ratios: Mapping[str | None, float]
+) -> float:
+    """Return the factor by which ``parameter`` changes with the diameter [1]."""
+    exponent = _find_diameter_exponent(hypothesis, parameter)
+    if not exponent or parameter.term_index is None:
+        return 1.0
+    return float(ratios[hypothesis.terms[parameter.term_index].tendon] ** exponent)
 
 
 def _find_diameter_exponent(hypothesis: Hypothesis, parameter: FitParameter) -> float:
@@ -171,7 +219,12 @@ def _find_diameter_exponent(hypothesis: Hypothesis, parameter: FitParameter) -> 
 
 
 def _list_numbers(
-    diagnosis: Diagnosis, other: Dataset, hypothesis: Hypothesis, x: Array, scaled_x: Array, ratio: float
+    diagnosis: Diagnosis,
+    other: Dataset,
+    hypothesis: Hypothesis,
+    x: Array,
+    scaled_x: Array,
+    ratios: Mapping[str | None, float],
 ) -> tuple[TransferredNumber, ...]:
     """Return the fitted numbers and the parameters of effects, as found and at ``scaled_x`` as used for ``other``.
 
@@ -194,7 +247,7 @@ def _list_numbers(
         term = hypothesis.terms[parameter.term_index]
         exponent = _find_diameter_exponent(hypothesis, parameter)
         rule = f"diameter to the power {exponent:g}" if exponent else f"as found, in {term.form_definition.equation}"
-        if not np.isclose(used, found * ratio**exponent):
+        if not np.isclose(used, found * _compute_diameter_factor(hypothesis, parameter, ratios)):
             rule += ", cut off at a limit of the effect"
         listed.append(TransferredNumber(f"{term.qualified_name}.{parameter.name}", found, used, rule))
     return tuple(listed)
