@@ -374,3 +374,30 @@ def test_no_air_flows_back_into_an_empty_tank() -> None:
     pressures, gas = simulate_fixed_volume(supply, 1.0, 4e5, 0.5)
     assert pressures == pytest.approx(np.full(len(pressures), 4e5), rel=1e-9)
     assert gas.drawn_mass == 0.0
+
+
+def test_full_tank_makes_up_for_a_leak_at_the_largest_command() -> None:
+    supply = IDEAL._replace(tank_volume=1e-3, tank_pressure=200e5, leak_conductance=2e-10)
+    pressures, gas = simulate_fixed_volume(supply, IDEAL.max_pressure, IDEAL.max_pressure, 0.5)
+    assert pressures == pytest.approx(np.full(len(pressures), IDEAL.max_pressure), rel=1e-3)
+    assert gas.drawn_mass == pytest.approx(gas.leaked_mass, rel=0.05)
+    assert gas.leaked_mass > 0.0
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.2])
+def test_air_above_the_pressure_of_a_slow_regulator_leaks(exponent: float) -> None:
+    """Compressed air leaks at its own pressure, and no air is drawn until that of the regulator is reached."""
+    supply = IDEAL._replace(leak_conductance=5e-9, regulator_time_constant=1e6, polytropic_exponent=exponent)
+    gas = pneumatic_step.equilibrium_gas(supply, 1e5, VOLUME, VOLUME)
+    air = pneumatic_step.charge(supply, gas, 1e5, 1e5, 1.5 * VOLUME, VOLUME, 1e-6)
+    pressure = pneumatic_step.pressure_after_motion(air, VOLUME)
+    gas = pneumatic_step.update_gas(supply, gas, air, pressure, VOLUME, VOLUME)
+    first, drawn, leaked = pressure, gas.drawn_mass, gas.leaked_mass
+    assert first > 1.5e5
+    while pressure > 1.2e5:
+        air = pneumatic_step.charge(supply, gas, pressure, 1e5, VOLUME, VOLUME, 1e-4)
+        pressure = pneumatic_step.pressure_after_motion(air, VOLUME)
+        gas = pneumatic_step.update_gas(supply, gas, air, pressure, VOLUME, VOLUME)
+    assert gas.drawn_mass == pytest.approx(drawn, abs=1e-9 * leaked + 1e-15)
+    lost = (first - pressure) * VOLUME / (AIR_GAS_CONSTANT * 293.15 * exponent)
+    assert gas.leaked_mass - leaked == pytest.approx(lost, rel=1e-6)

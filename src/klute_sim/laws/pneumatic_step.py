@@ -181,18 +181,29 @@ def _charge_by_regulator(
     # A tank at a lower pressure than the muscle cannot fill it: the air is enclosed and can only be exhausted.
     is_enclosed = supply.tank_volume > 0.0 and (pressure >= source or source < EMPTY_TANK_PRESSURE)
     before = pressure if is_enclosed else pressure - gas.pressure_disturbance
-    leaked, mass_to_room = leak_flow(supply, before, supply.temperature) * dt, before / per_mass
-    leaked = min(leaked, mass_to_room) if before > 0.0 else max(leaked, mass_to_room)
-    after = regulate(supply, before - per_mass * leaked, target, dt)
+    leaked, mass_to_room = leak_flow(supply, pressure, supply.temperature) * dt, pressure / per_mass
+    leaked = min(leaked, mass_to_room) if pressure > 0.0 else max(leaked, mass_to_room)
+    # Air at a pressure that the regulator does not hold leaks first; the regulator makes up for the rest.
+    excess = 0.0 if is_enclosed else gas.pressure_disturbance
+    relief = min(max(leaked, 0.0) * per_mass * supply.polytropic_exponent, max(excess, 0.0))
+    refilled = leaked - relief / (per_mass * supply.polytropic_exponent)
+    after = regulate(supply, before - per_mass * refilled, target, dt)
     dead_volume, exponent, phase, duty = supply.dead_volume, supply.polytropic_exponent, gas.pwm_phase, gas.pwm_duty
     # The inflow is known only after the muscle has moved (update_gas).
     inflow = 0.0
     if is_enclosed:
-        after = min(after, before - per_mass * leaked)
+        enclosed = min(after, before - per_mass * leaked)
+        if enclosed < source:
+            # The tank makes up for a leak that would lower the muscle below the tank's pressure.
+            mass = enclosed_air_mass(supply, gas, pressure, total_volume - dead_volume, resting_volume)
+            available = max(mass - leaked, 0.0) + tank_air_mass(supply, gas.drawn_mass)
+            refilled_pressure = min(after, source, per_mass * available - ATMOSPHERIC_PRESSURE)
+            enclosed = max(enclosed, refilled_pressure)
+        after = enclosed
         return AirCharge(after, 0.0, 1.0, 1.0, total_volume, dead_volume, inflow, leaked, phase, duty, True, math.inf)
     fraction = supply.regulator_time_constant / (supply.regulator_time_constant + dt)
     after = min(after, source)
-    disturbance, lowest = gas.pressure_disturbance, min(pressure, LOWEST_REGULATED_PRESSURE)
+    disturbance, lowest = gas.pressure_disturbance - relief, min(pressure, LOWEST_REGULATED_PRESSURE)
     if after < before and after + disturbance < lowest:
         disturbance = lowest - after
     limit = math.inf
