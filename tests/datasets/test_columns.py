@@ -104,6 +104,19 @@ def test_headings_with_units_need_no_expression(tmp_path: Path) -> None:
     assert load(tmp_path, text).trials[0].measured["force"].time == pytest.approx(0.01 * COUNTS)
 
 
+def test_channel_that_corrects_another_one_remains_a_channel(tmp_path: Path) -> None:
+    """The force stretches the frame, and its column has its own heading; a column that is another channel has none."""
+    columns = {"time [s]": 0.01 * COUNTS, "pressure_command [bar]": 3 + 0 * COUNTS}
+    columns |= {"length [mm]": 340 + 0 * COUNTS, "force [N]": COUNTS, "pressure": 3 + 0 * COUNTS}
+    write(tmp_path / "a.csv", columns)
+    text = '[columns]\nlength = "length - 0.01 * force + 0 * pressure [mm]"\n[[trial]]\nfiles = ["a.csv"]\n'
+    (tmp_path / "dataset.toml").write_text(HEAD + text, "utf-8")
+    (trial,) = load_dataset(tmp_path).trials
+    assert trial.prescribed["length"].value == pytest.approx(0.34 - 1e-5 * COUNTS)
+    assert list(trial.measured) == ["force"]
+    assert trial.measured["force"].value == pytest.approx(COUNTS)
+
+
 def test_measured_channel_may_lack_in_some_trials(tmp_path: Path) -> None:
     text = MAPPING + 'pressure = "2 * AIN4 [bar]"\n' + TRIALS
     dataset = load(tmp_path, text, AIN4=1.5 + 0 * COUNTS)

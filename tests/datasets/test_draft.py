@@ -83,7 +83,17 @@ def test_reading_without_calibration_is_that_of_a_channel(heading: str, channel:
 
 @pytest.mark.parametrize(
     "heading",
-    ["AIN3 [V]", "angle [deg]", "note", "force setpoint [N]", "position cmd [mm]", "Tensile stress (MPa)", "d/%", ""],
+    [
+        "AIN3 [V]",
+        "angle [deg]",
+        "note",
+        "force setpoint [N]",
+        "position cmd [mm]",
+        "Tensile stress (MPa)",
+        "Ambient pressure (kPa)",
+        "d/%",
+        "",
+    ],
 )
 def test_other_columns_are_no_channel(heading: str) -> None:
     assert interpret_heading(heading) is None

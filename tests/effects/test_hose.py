@@ -1,6 +1,7 @@
 """A hose: size of its resistance, volume and delay against closed forms, limits, and direction of the flow."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from klute_sim.device.dynamics import ZERO_INTERNAL_STATE, DeviceParameters, app
 from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.effects import catalogue
+from klute_sim.effects.families.hose import attach_hose
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben, valve
 from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT, ATMOSPHERIC_PRESSURE
@@ -109,6 +111,13 @@ def test_hose_without_length_changes_no_bit(preset: str) -> None:
     )
     for field in ("tension", "pressure", "length"):
         assert (getattr(plain, field) == getattr(neutral, field)).all()
+
+
+def test_hose_of_the_smallest_number_is_none() -> None:
+    """A bounded fit tries such lengths, whose resistance is zero in rounding."""
+    bare = load_device("klute-3-4-pair").parameters
+    supply = apply_supply_effects(bare, ZERO_INTERNAL_STATE)
+    assert attach_hose(SimpleNamespace(length=1e-323, inner_diameter=4e-3), None, supply) == supply
 
 
 def test_resistance_vanishes_with_length_and_with_a_wide_bore() -> None:

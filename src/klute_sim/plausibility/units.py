@@ -11,13 +11,23 @@ from klute_sim.types import Array
 
 _POUND_FORCE = 4.4482216152605
 _PSI = 6894.757293168
+_MMHG = 133.322387415
 
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "s": {"s": 1.0, "ms": 1e-3, "min": 60.0, "us": 1e-6, "h": 3600.0, "ns": 1e-9},
         "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "um": 1e-6, "ft": 0.3048},
         "N": {"N": 1.0, "kN": 1e3, "lbf": _POUND_FORCE, "kgf": 9.80665, "mN": 1e-3, "gf": 9.80665e-3, "daN": 10.0},
-        "Pa": {"bar": 1e5, "kPa": 1e3, "MPa": 1e6, "psi": _PSI, "Pa": 1.0, "mbar": 100.0, "atm": 101325.0},
+        "Pa": {
+            "bar": 1e5,
+            "kPa": 1e3,
+            "MPa": 1e6,
+            "psi": _PSI,
+            "Pa": 1.0,
+            "mbar": 100.0,
+            "atm": 101325.0,
+            "mmHg": _MMHG,
+        },
         "rad": {"deg": math.pi / 180.0, "rad": 1.0, "mrad": 1e-3},
         "N*m": {"N*m": 1.0, "mN*m": 1e-3, "N*cm": 0.01, "kN*m": 1e3, "lbf*in": 0.1129848290276, "lbf*ft": 1.3558179483},
     }

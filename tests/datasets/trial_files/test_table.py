@@ -350,3 +350,15 @@ def test_digest_depends_on_the_content_only(tmp_path: Path) -> None:
     first = read(tmp_path, HEAD + "1,2\n").digest
     assert read(tmp_path, HEAD + "1,2\n", "b.csv").digest == first
     assert read(tmp_path, HEAD + "1,3\n").digest != first
+
+
+def test_comma_after_the_last_cell_of_every_row_is_no_cell(tmp_path: Path) -> None:
+    read_table = read(tmp_path, "time [s],force [N]\n0,1,\n1,2,\n")
+    assert read_table.columns["force"].tolist() == [1.0, 2.0]
+    assert "line 2 has 3 cells" in read_error(tmp_path, "time [s],force [N]\n0,1,5\n1,2,5\n", "b.csv")
+
+
+def test_heading_of_a_labview_file_is_below_the_words_of_its_head(tmp_path: Path) -> None:
+    head = "LabVIEW Measurement\nChannels\t3\nX_Dimension\tTime\tTime\tTime\n***End_of_Header***\n"
+    found = read(tmp_path, head + "time [s]\tforce [N]\tpressure [bar]\n0\t1\t2\n1\t3\t2\n")
+    assert found.columns["force"].tolist() == [1.0, 3.0]

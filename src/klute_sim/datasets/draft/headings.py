@@ -74,6 +74,20 @@ _UPSTREAM = frozenset(("supply", "line", "tank", "reservoir", "compressor", "sou
 """Words of a pressure that is not yet that of the muscle; such a column comes after others."""
 _NO_PRESSURE = frozenset(("stress", "modulus", "zugspannung"))
 """Words of quantities with the unit of a pressure, which testing machines compute."""
+_ROOM = frozenset(
+    (
+        "ambient",
+        "atmospheric",
+        "atmosphere",
+        "barometric",
+        "barometer",
+        "room",
+        "umgebung",
+        "umgebungsdruck",
+        "luftdruck",
+    )
+)
+"""Words of the pressure of the room, which is none of the muscle."""
 
 _START = r"(?:(?<![A-Za-z])|(?<=[a-z])(?=[A-Z])|(?=[A-Z][a-z]))"
 _END = r"(?:(?![A-Za-z])|(?<=[a-z])(?=[A-Z])|(?=[A-Z][a-z]))"
@@ -179,6 +193,8 @@ def _find_channel(name: str, tokens: set[str], unit: str) -> str | None:
     if si_unit == "s" or (si_unit is None and tokens & _TIME):
         return "time" if tokens & _TIME or not tokens else None
     if tokens & _NO_PRESSURE:
+        return None
+    if tokens & _ROOM and (si_unit == "Pa" or tokens & _PRESSURE):
         return None
     if si_unit == "Pa" or (si_unit is None and tokens & _PRESSURE):
         return "pressure_command" if is_command else "pressure"

@@ -89,9 +89,12 @@ def assign_columns(
         by_channel[channel] = Assignment(expression.text, indices, unit, factor, expression)
         remarks += [remark] if remark else []
     used = {index for assignment in by_channel.values() for index in assignment.indices.values()}
+    # A column that only corrects another channel, such as the force in a length, remains a channel of its own.
+    sole = {next(iter(a.indices.values())) for a in by_channel.values() if len(a.indices) == 1}
     ignored: list[str] = []
     for index, heading in enumerate(file.headings if file.has_units else ()):
-        name = None if index in used else _match_channel(heading, column_units, by_channel, missing, source)
+        is_used = index in sole or (index in used and not _states_channel(heading, column_units))
+        name = None if is_used else _match_channel(heading, column_units, by_channel, missing, source)
         if name is None:
             ignored += [] if index in used else [heading]
             continue
@@ -236,6 +239,15 @@ def _match_channel(
             f"'{name} [{example}]'"
         )
     return name
+
+
+def _states_channel(heading: str, column_units: Mapping[str, str]) -> bool:
+    """Return whether ``heading`` is the name of a channel with a unit of its kind."""
+    match = _HEADING.fullmatch(heading)
+    name = match["name"].lower() if match else ""
+    if match is None or name not in column_units:
+        return False
+    return unit_conversion.get_si_factor(match["unit"].strip(), column_units[name]) is not None
 
 
 def _require_unit(heading: str, si_unit: str, source: str) -> tuple[str, float]:

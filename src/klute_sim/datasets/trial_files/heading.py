@@ -136,7 +136,9 @@ def _search_line(content: bytes, is_known: Callable[[str], bool]) -> _Line:
             cells = _split_cells(text, _choose_delimiter(text))
         except csv.Error:
             cells = []
-        count = sum(is_known(cell.lstrip(_COMMENT_LETTERS)) for cell in cells if not cell[:1].isdigit())
+        # A word that is repeated, as in the head of a LabVIEW file, counts once.
+        names = {cell.lstrip(_COMMENT_LETTERS).casefold(): cell for cell in cells if not cell[:1].isdigit()}
+        count = sum(is_known(cell.lstrip(_COMMENT_LETTERS)) for cell in names.values())
         if count > best_count:
             best, best_count = line, count
     return best or _BEGINNING

@@ -214,9 +214,16 @@ def parse_delimited_text(
     heading = find_heading(content, source, heading_row, is_known)
     body = _remove_empty_end(content[heading.n_bytes :])
     has_remark = heading.has_preamble and heading_row is None
-    return DelimitedText(
-        source, heading.cells, heading.delimiter, body, heading.first_row_line, heading.line, has_remark
-    )
+    headings = heading.cells
+    if _ends_rows_with_delimiter(body, heading.delimiter, len(headings)):
+        headings = (*headings, "")
+    return DelimitedText(source, headings, heading.delimiter, body, heading.first_row_line, heading.line, has_remark)
+
+
+def _ends_rows_with_delimiter(body: bytes, delimiter: str, n_headings: int) -> bool:
+    """Return whether the first row has one cell more than ``n_headings``, an empty one at its end."""
+    first = next((line for line in lines.iterate_lines(body) if line), b"").decode("utf-8", errors="replace")
+    return first.count(delimiter) == n_headings and first.endswith(delimiter)
 
 
 def _remove_empty_end(body: bytes) -> bytes:

@@ -23,6 +23,10 @@ def find_flaw(p: Any) -> str:
     return f"would be {1e3 * p.length:.2g} mm long and {1e3 * p.inner_diameter:.2g} mm wide, a nozzle and no hose"
 
 
+SHORTEST_LENGTH = 1e-9
+"""Length [m] up to which there is no hose (assumed); a fit tries such lengths, whose resistance is zero in rounding."""
+
+
 def attach_hose(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
     """Return the supply with a hose of ``p.length`` and ``p.inner_diameter`` [m] in series, whose air is dead volume.
 
@@ -31,7 +35,7 @@ def attach_hose(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameter
     the command (:func:`klute_sim.device.dynamics.get_dead_time`).
     """
     s = supply
-    if p.length <= 0.0:
+    if p.length <= SHORTEST_LENGTH:
         return s
     friction = valve.hose_restriction(p.length, p.inner_diameter)
     hose = valve.Restriction(min(friction.conductance, 1.0 / MIN_RESISTANCE), friction.critical_ratio)
