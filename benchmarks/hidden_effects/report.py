@@ -9,6 +9,7 @@ from benchmarks.hidden_effects.metrics import DatasetResult, compute_metrics
 from benchmarks.hidden_effects.score import (
     MAX_ABSORBED_RESIDUAL,
     WRONG_OUTCOMES,
+    Verdict,
     are_kinds_confused,
     is_first_right,
     is_out_of_catalogue,
@@ -34,6 +35,12 @@ METHOD_COLUMNS = (
 """Columns of the table of methods, those of :func:`format_method`."""
 
 
+def _has_proposal(verdict: Verdict) -> bool:
+    """Return whether ``verdict`` proposes an experiment or a direct measurement."""
+    experiment = verdict["next_experiment"]
+    return bool(verdict.get("direct_measurements") or (experiment and experiment["protocol"]))
+
+
 def print_report(
     rows: Sequence[DatasetResult], baseline_rows: Mapping[str, Sequence[DatasetResult]], *, as_json: bool
 ) -> None:
@@ -42,7 +49,7 @@ def print_report(
         "datasets": len(rows),
         "outcomes": _count_outcomes(rows),
         "indistinguishable_without_proposal": sum(
-            row.verdict["verdict"] == "indistinguishable" and not row.verdict["next_experiment"] for row in rows
+            row.verdict["verdict"] == "indistinguishable" and not _has_proposal(row.verdict) for row in rows
         ),
         "kinds_confused": sum(are_kinds_confused(row.truth, row.verdict) for row in rows),
         "median_cpu_s": statistics.median(row.verdict["cpu_s"] for row in rows),

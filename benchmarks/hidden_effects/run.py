@@ -206,6 +206,10 @@ class BenchmarkRun:
         second_outcome = second_file and score_follow_up(truth, json.loads(second_file.read_text("utf-8")))
         return DatasetResult(name, truth, verdict, score_verdict(truth, verdict), second_outcome)
 
+    def has_truth(self, spec: DatasetSpec) -> bool:
+        """Return whether the dataset ``spec`` was begun."""
+        return (self._folder / f"{spec['name']}.truth.json").exists()
+
     def _find_result(self, name: str) -> Path | None:
         files = list((self._folder / "results").glob(f"{name}_{'[0-9a-f]' * DIGEST_LENGTH}.json"))
         if len(files) > 1:
@@ -348,7 +352,16 @@ def main() -> None:
     console = Console(stderr=True)
     run = BenchmarkRun(arguments.out, max(1, (os.cpu_count() or 1) // arguments.at_once), methods)
     if arguments.finished:
-        rows = sorted((row for row in map(run.load_finished, specs) if row is not None), key=get_page_order)
+        found = [(spec, run.load_finished(spec)) for spec in specs]
+        rows = sorted((row for _, row in found if row is not None), key=get_page_order)
+        unfinished = [spec["name"] for spec, row in found if row is None and run.has_truth(spec)]
+        if unfinished:
+            console.print(
+                f"Not scored: {', '.join(unfinished)}. These datasets were begun and have no result: the run was "
+                "interrupted, or the program failed. Failures are the hard ones.",
+                style="yellow",
+                highlight=False,
+            )
         others = {}
     else:
         with ThreadPoolExecutor(arguments.at_once) as pool:
@@ -367,8 +380,13 @@ def main() -> None:
             f"{arguments.out / 'results'} has no result of seed {seed} in these blocks; see --seed and --split"
         )
     if arguments.page:
-        head = {"split": arguments.split if arguments.seed is None else f"seed {seed}", "datasets": len(rows)}
-        if not arguments.finished:  # stored results may be of other code, on another machine
+        head = {
+            "split": arguments.split if arguments.seed is None else f"seed {seed}",
+            "datasets": f"{len(rows)} of {len(specs)} planned",
+        }
+        if arguments.finished:
+            head["begun without a result"] = ", ".join(unfinished) or "none"
+        else:  # stored results may be of other code, on another machine
             head |= {"code": compute_code_digest(), "at once": arguments.at_once}
         arguments.page.write_text(render_page(rows, others, head), "utf-8")
     print_report(rows, others, as_json=arguments.json)

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmarks.hidden_effects.catalogue import EFFECTS, JOINT_EFFECTS
+from benchmarks.hidden_effects.joints import TENDONS
 
 Truth = Mapping[str, Any]
 Verdict = Mapping[str, Any]
@@ -135,8 +136,22 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
 
 def _list_sets_beside_present(truth: Truth, verdict: Verdict) -> list[list[str]]:
     """Return all sets of effects of the verdict without the names that are present beside the hidden effects."""
-    present = set(truth.get("present", ())) - set(list_hidden_effects(truth))
-    return [[name for name in effect_set if name not in present] for effect_set in list_effect_sets(verdict)]
+    hidden = list_hidden_effects(truth)
+    present = set(truth.get("present", ())) - set(hidden)
+    return [
+        [name for name in _join_tendons(effect_set, hidden) if name not in present]
+        for effect_set in list_effect_sets(verdict)
+    ]
+
+
+def _join_tendons(effect_set: Sequence[str], hidden: Sequence[str]) -> list[str]:
+    """Return ``effect_set`` in which an effect of both devices, each with its own size, is a hidden one of all."""
+    names = set(effect_set)
+    for name in hidden:
+        both = {f"{name}@{tendon}" for tendon in TENDONS}
+        if both <= names:
+            names = names - both | {name}
+    return sorted(names)
 
 
 def _has_only_faint_numbers(truth: Truth) -> bool:

@@ -25,6 +25,7 @@ from klute_sim.datasets.dataset import load_dataset
 from klute_sim.errors import InputError
 
 HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
+HYSTERESIS_OF_BOTH = tuple({**HYSTERESIS, "tendon": tendon} for tendon in ("flexor", "extensor"))
 DAMPING = {"name": "muscle_damping", "channel": None}
 GAIN = {"name": "sensor_gain", "channel": "force"}
 FRICTION = {"name": "joint_friction", "channel": None}
@@ -70,6 +71,9 @@ def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
         (truth(numbers=[WRONG_TURNS], size=0.7), verdict("nothing-missing", left=1.5), "missed"),
         (truth((HYSTERESIS,), numbers=[WRONG_TURNS], size=0.5), verdict("nothing-missing", left=1.5), "missed"),
         (truth((HYSTERESIS,)), verdict("unexplained", GAIN), "flagged"),
+        (truth((HYSTERESIS,)), verdict("identified", *HYSTERESIS_OF_BOTH), "right"),
+        (truth((HYSTERESIS,)), verdict("identified", HYSTERESIS_OF_BOTH[0]), "wrong"),
+        (truth(HYSTERESIS_OF_BOTH), verdict("identified", *HYSTERESIS_OF_BOTH), "right"),
         (truth((HYSTERESIS,), deleted=True), verdict("unexplained", GAIN), "flagged"),
         (truth((HYSTERESIS,), deleted=True), verdict("identified", GAIN), "wrong"),
         (truth((HYSTERESIS,), deleted=True), verdict("nothing-missing", left=3.0), "missed"),

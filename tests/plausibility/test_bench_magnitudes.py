@@ -62,7 +62,7 @@ def load_changed(folder: Path, **changed: tuple[str, np.ndarray]) -> Dataset:
         ),
         ("pressure", "bar", 45.0 + 10.0 * WAVE, "pressure is 38.4 to 55 bar, but the supply pressure"),
         ("pressure", "bar", 45.0 + 10.0 * WAVE, "5 bar: is its unit psi?"),
-        ("pressure", "bar", 2250.0 + 500.0 * WAVE, "5 bar: is its unit mbar or mmHg?"),
+        ("pressure", "bar", 2250.0 + 500.0 * WAVE, "5 bar: is its unit mmHg or mbar?"),
     ],
 )
 def test_implausible_samples_are_refused_with_the_likely_unit(
