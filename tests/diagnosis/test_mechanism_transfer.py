@@ -14,12 +14,18 @@ from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.transfer import _declare_mechanism_numbers, _describe_rule, predict_dataset
+from klute_sim.diagnosis.transfer import (
+    _compute_diameter_ratios,
+    _declare_mechanism_numbers,
+    _describe_rule,
+    predict_dataset,
+)
 from klute_sim.errors import InputError
 from klute_sim.report.diagnosis.prediction import build_numbers_table
 from tests.diagnosis.synthetic_joint_dataset import write_dataset
 
 SLACK, STIFFNESS, MASS = "flexor/tendon.slack_length_mm", "tendon.stiffness_1_n_per_mm", "model.geom.load.mass"
+WIDE_RADIUS = 25.6  # [mm]
 NUMBERS = {SLACK: "1 %", STIFFNESS: "10 %", MASS: "5 %"}
 OTHER = """
 [devices.flexor]
@@ -133,6 +139,26 @@ def test_effect_of_the_muscle_follows_the_diameter_of_its_own_tendon(owner: str 
     if owner is None:
         expected = {f"muscle_damping@flexor.{key}": 1.0, f"muscle_damping@extensor.{key}": 4.0}
     assert used == pytest.approx(expected)
+
+
+def test_effect_of_all_tendons_holds_for_tendons_of_other_names(first: Dataset) -> None:
+    """The muscles of the first joint are equal, so each muscle of the other one is compared with them."""
+    assert first.mechanism is not None
+    thin = first.mechanism.devices["flexor"]
+    wide = thin.with_changes({"muscle.bladder_radius_mm": WIDE_RADIUS, "muscle.turns_per_m": 4.103 / 2.0})
+    devices = {"front": thin, "back": wide}
+    other = replace(first, mechanism=replace(first.mechanism, devices=devices))
+    ratios = _compute_diameter_ratios(first, other)
+    own = thin.spec.collect_values()["muscle.bladder_radius_mm"]
+    assert ratios == {"front": 1.0, "back": pytest.approx(WIDE_RADIUS / own)}
+    with pytest.raises(InputError, match="muscles of different diameters"):
+        _compute_diameter_ratios(other, first)
+
+
+def test_effect_that_is_built_in_is_not_added(first: Dataset) -> None:
+    diagnosis = make_diagnosis(first, EffectTerm("bladder", "mooney_rivlin"), x=[0.0, 0.0, 0.0, 0.1])
+    with pytest.raises(InputError, match="cannot have the effect 'bladder'"):
+        predict_dataset(diagnosis, first)
 
 
 def test_effect_of_a_tendon_that_is_not_there_is_one_sentence(first: Dataset) -> None:

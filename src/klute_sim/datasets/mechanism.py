@@ -200,6 +200,12 @@ def select_shared(changes: Mapping[str, float]) -> dict[str, float]:
     return {name: value for name, value in changes.items() if DEVICE_SEPARATOR not in name}
 
 
+COORDINATE_PREFIXES = ("pos_", "ipos_", "springref")
+"""Beginnings of the names of a model's numbers whose zero is arbitrary."""
+SIGNED_PREFIXES = (*COORDINATE_PREFIXES, "gravity_")
+"""Beginnings of the names of a model's numbers that may have either sign."""
+
+
 def is_model_number(name: str) -> bool:
     """Return whether ``name`` is that of a number of a model."""
     return name.startswith(PREFIX)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from klute_sim.datasets.dataset import Dataset, split_dataset
-from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
+from klute_sim.datasets.mechanism import COORDINATE_PREFIXES, DEVICE_SEPARATOR, is_model_number
 from klute_sim.device.device import Device
 from klute_sim.diagnosis.data_quality import clean_data
 from klute_sim.diagnosis.experiments.base import Experiment
@@ -145,29 +145,59 @@ def _check_effects(hypothesis: Hypothesis, dataset: Dataset) -> None:
                 f"'{term.effect}' in the diagnosis; tendons: {', '.join(devices)}"
             )
         for tendon, device in devices.items():
-            if term.tendon in (None, tendon) and term.effect in device.spec.effects:
+            if term.tendon not in (None, tendon):
+                continue
+            if term.effect in device.spec.effects:
                 raise InputError(
                     f"the device '{device.name}' of dataset '{_get_name(dataset)}' has effect '{term.effect}' already, "
                     "which the prediction would add; remove it from the device file"
                 )
+            _check_part(term, device, dataset)
+
+
+def _check_part(term: EffectTerm, device: Device, dataset: Dataset) -> None:
+    """Raise InputError where ``device`` has the effect of ``term`` built in, or lacks the part that would have it."""
+    if term.number or term.channel or term.effect_definition.kind != "device":
+        return
+    definition = term.effect_definition
+    if not device.spec.can_add_effect(definition) or term.form_definition not in device.spec.list_candidate_forms(
+        definition
+    ):
+        reason = device.spec.find_incompatibility(term.effect) or "it has no such part, or the effect is built in"
+        raise InputError(
+            f"the device '{device.name}' of dataset '{_get_name(dataset)}' cannot have the effect '{term.effect}' that "
+            f"the diagnosis found: {reason}"
+        )
 
 
 def _compute_diameter_ratios(first: Dataset, other: Dataset) -> dict[str | None, float]:
     """Return tendon (None: no mechanism) -> bladder radius declared by ``other`` over that declared by ``first`` [1].
 
-    It is 1 without a muscle. A mechanism has an entry for None where the ratio of all tendons is the same.
+    It is 1 without a muscle. A mechanism has an entry for None where the ratio of all tendons is the same. A tendon of
+    another name than those of ``first`` is compared with the muscles of ``first``, which then must have one radius.
     """
-    pairs: dict[str | None, tuple[Device, Device]] = {None: (first.device, other.device)}
+    known: dict[str | None, Device] = {None: first.device}
+    devices: dict[str | None, Device] = {None: other.device}
     if first.mechanism is not None and other.mechanism is not None:
-        devices = other.mechanism.devices
-        pairs = {name: (device, devices[name]) for name, device in first.mechanism.devices.items() if name in devices}
+        known, devices = dict(first.mechanism.devices.items()), dict(other.mechanism.devices.items())
+    common = {_get_radius(device) for device in known.values()}
     ratios = {}
-    for tendon, pair in pairs.items():
-        radii = [device.spec.muscle.bladder_radius_mm for device in pair if device.spec.muscle is not None]
-        ratios[tendon] = radii[1] / radii[0] if len(radii) == 2 else 1.0
+    for tendon, device in devices.items():
+        if tendon not in known and len(common) > 1:
+            raise InputError(
+                f"dataset '{_get_name(other)}' has the tendon '{tendon}', but the diagnosis has "
+                f"{', '.join(map(str, known))} with muscles of different diameters; give the tendons the same names"
+            )
+        radii = _get_radius(known[tendon]) if tendon in known else next(iter(common)), _get_radius(device)
+        ratios[tendon] = radii[1] / radii[0] if radii[0] and radii[1] else 1.0
     if len(set(ratios.values())) == 1:
         ratios[None] = next(iter(ratios.values()))
     return ratios
+
+
+def _get_radius(device: Device) -> float:
+    """Return the radius of the bladder [mm]; 0 without a muscle."""
+    return 0.0 if device.spec.muscle is None else device.spec.muscle.bladder_radius_mm
 
 
 def _separate_tendons(hypothesis: Hypothesis, x: Array, ratios: Mapping[str | None, float]) -> tuple[Hypothesis, Array]:
@@ -254,8 +284,8 @@ def _list_numbers(
 
 
 def _is_coordinate(name: str) -> bool:
-    """Return whether ``name`` is a coordinate of a geom or a site, whose change is absolute: its zero is arbitrary."""
-    return is_model_number(name) and name.rpartition(".")[2].startswith("pos_")
+    """Return whether the zero of the model's number ``name`` is arbitrary, so that its change is absolute."""
+    return is_model_number(name) and name.rpartition(".")[2].startswith(COORDINATE_PREFIXES)
 
 
 def _describe_rule(key: str, declared: float, used: float) -> str:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, SIGNED_PREFIXES, is_model_number
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.schema.document import DeviceSpec
@@ -370,10 +370,10 @@ class Hypothesis:
 def _limit_number(key: str, nominal_values: Mapping[str, float], half_range: float) -> tuple[float, float]:
     """Return the bounds of a fitted number: within ``half_range`` of the nominal one, and such that a file accepts it.
 
-    ``nominal_values`` are all numbers, ``section.key`` -> value. Positive numbers other than coordinates stay so.
+    ``nominal_values`` are all numbers, ``section.key`` -> value. Positive numbers stay so without a sign of their own.
     """
     nominal, lower = nominal_values[key], nominal_values[key] - half_range
-    if nominal > 0.0 and not key.rpartition(".")[2].startswith("pos_"):
+    if nominal > 0.0 and not key.rpartition(".")[2].startswith(SIGNED_PREFIXES):
         lower = max(lower, MIN_NUMBER_FRACTION * nominal)
     lower, upper = limit_to_plausible(key, nominal, lower, nominal + half_range)
     return limit_to_valid(nominal_values, key, lower, upper)
