@@ -157,7 +157,12 @@ def can_numbers_absorb(diagnosis: Diagnosis, data: WeightedData, test_experiment
     )
     parts = (slice(len(data.experiments)), slice(len(data.experiments), None))
     misfits = [estimate_misfit(experiments[part], fit.residuals[part], data.noise) for part in parts]
-    return not any(is_significant(misfit) for part in misfits for misfit in part.values())
+    tolerance = diagnosis.dataset.tolerance
+    return not any(
+        is_significant(misfit) and misfit.rms > tolerance.get(channel, 0.0)
+        for part in misfits
+        for channel, misfit in part.items()
+    )
 
 
 def estimate_validation_misfits(diagnosis: Diagnosis, data: WeightedData) -> dict[str, Misfit]:

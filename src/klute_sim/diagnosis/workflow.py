@@ -159,7 +159,8 @@ def _run_workflow(
     if selected.verdict != "nothing-missing":
         reasons += describe_condition_registration(data, base_fit)
     reasons += filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
-    reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit), *describe_mounting_error(fit)]
+    reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit)]
+    reasons += describe_mounting_error(fit) if dataset.rig == "gait" else []
     reasons += describe_length_zero(dataset.trials, [fit, *(model.fit for model in selected.equivalent_models)])
     if dataset.tolerance and selected.verdict != "nothing-missing":
         reasons += describe_exceeded_tolerance(search, base_fit)

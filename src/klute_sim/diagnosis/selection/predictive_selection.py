@@ -251,6 +251,18 @@ class PredictiveSelection:
         ]
         return float(np.mean(squares)) if squares else 0.0
 
+    def _compute_fold_noise(self, fold: Sequence[FoldPart]) -> float | None:
+        """Return what noise alone gives in :meth:`compute_fold_error`; None where no channel has a known noise."""
+        fractions = [
+            self.repeat_noise[channel].std ** 2 / self.data.noise[channel].std ** 2
+            for part in fold
+            for channel in self.data.experiments[part.trial].measured
+            if channel in self.data.noise
+            and channel in self.repeat_noise
+            and part.select(self.data.experiments[part.trial], channel).any()
+        ]
+        return float(np.mean(fractions)) if fractions else None
+
     def find_retained_rows(self, fold: Sequence[FoldPart], hypothesis: Hypothesis) -> Mask:
         """Return which weighted residuals of ``hypothesis``, priors among them, do not belong to ``fold``."""
         parts = {part.trial: part for part in fold}
@@ -301,12 +313,8 @@ class PredictiveSelection:
             models = self._add_simplified(refined, [refined if model is coarse else model for model in models])
 
     def _decide(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
-        noise_fractions = [
-            self.repeat_noise[channel].std ** 2 / law_error.std**2
-            for channel, law_error in self.data.noise.items()
-            if channel in self.repeat_noise
-        ]
-        noise = float(np.mean(noise_fractions)) if noise_fractions else 0.0
+        fold_noise = [noise for noise in map(self._compute_fold_noise, self.folds) if noise is not None]
+        noise = float(np.mean(fold_noise)) if fold_noise else 0.0
         models = refuse_idle_terms(base, models, len(self.folds), noise)
         nameable = [model for model in models if not model.obstacle]
         chosen, stability = choose_stable_model(nameable, len(self.folds), noise) if nameable else (base, {})

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from klute_sim.datasets.channels import get_measured_units
+from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.diagnosis.discrepancy.sparse_regression import format_formula
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
@@ -18,6 +19,7 @@ from klute_sim.diagnosis.selection.predictive_model import compare_errors
 from klute_sim.diagnosis.selection.robustness import EquivalentModel
 from klute_sim.diagnosis.transfer_prediction import TransferPrediction
 from klute_sim.effects import catalogue
+from klute_sim.plant.mjcf.model_numbers import get_number_unit
 from klute_sim.provenance import collect_versions
 from klute_sim.recording.atomic_file import write_atomically
 from klute_sim.report.diagnosis import figures
@@ -321,13 +323,18 @@ def _format_tenths(value: float) -> str:
     return f"{round(value, 1) + 0.0:.1f}"  # adding 0 removes the sign of a negative zero
 
 
+def _get_unit(key: str) -> str:
+    """Return the unit of the number ``key`` of a device or of a model."""
+    return get_number_unit(key) if is_model_number(key) else words.split_key(key)[1]
+
+
 def _build_device_parameter_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
     """Return the device's uncertain numbers: nominal values, and fitted values without and with effects."""
     dataset = diagnosis.dataset
     nominal: dict[str, float] = {**dataset.device.spec.collect_values(), **dataset.nominal_numbers}
     rows = []
     for index, (key, sd) in enumerate(dataset.uncertainties.items()):
-        row, notes = {"key": key, "unit": words.split_key(key)[1]}, []
+        row, notes = {"key": key, "unit": _get_unit(key)}, []
         row["nominal"], row["sd"] = words.format_number(nominal[key]), words.format_number(sd, 3)
         for name, fit, model in (
             ("before", diagnosis.base_fit, "without added effects"),
