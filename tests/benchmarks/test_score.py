@@ -196,7 +196,7 @@ def test_metrics_match_results(tmp_path: Path) -> None:
     removed = found["misfit above the noise removed on test trials, identified, median"]
     assert removed.value == pytest.approx((0.9 + 1.0) / 2)
     assert found["wrong name, at any size"].value == pytest.approx(1 / 8)
-    assert found["wrong name, all blocks"].value == pytest.approx(2 / 9)  # that outside the catalogue, too
+    assert found["wrong name, all blocks of the bench"].value == pytest.approx(2 / 9)  # that outside the catalogue, too
     assert metrics.tabulate_coverage(rows) == {"single": (1, 2)}
     assert found["outside the catalogue: flagged, or nothing left to flag"].value == 0.0
     assert found["indistinguishable sets contain the truth"].value == 1.0
