@@ -98,7 +98,9 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
             "false alarms on clean data", rows_of("clean"), lambda r: r.outcome == "false-alarm", 0.0, at_most=True
         ),
         _fraction_metric("wrong name, at any size", scored, _is_wrong, 0.02, at_most=True),
-        _fraction_metric("wrong name, all blocks of the bench", [*rows, *adversary_rows], _is_wrong, 0.02, at_most=True),
+        _fraction_metric(
+            "wrong name, all blocks of the bench", [*rows, *adversary_rows], _is_wrong, 0.02, at_most=True
+        ),
         _fraction_metric(
             "outside the catalogue: flagged, or nothing left to flag",
             rows_of("outside"),

@@ -58,6 +58,13 @@ def test_only_a_coordinate_may_change_its_sign(key: str, may_change_sign: bool) 
         assert bounds[-1.0] == pytest.approx([-bounds[1.0][1], -bounds[1.0][0]])
 
 
+@pytest.mark.parametrize(("quantity", "may_change_sign"), [("springref", True), ("ipos_x", True), ("stiffness", False)])
+def test_uncertain_number_with_a_sign_may_change_it(quantity: str, may_change_sign: bool) -> None:
+    key = f"model.joint.a.{quantity}"
+    hypothesis = Hypothesis(NOMINAL, ((key, 0.2),), (), mechanism_numbers=((key, 0.05),))
+    assert (hypothesis.parameters[0].lower < 0.0) == may_change_sign
+
+
 def test_wrong_number_changes_the_device() -> None:
     term = make_number_term("tendon.slack_length_mm")
     hypothesis = Hypothesis(NOMINAL, (("tendon.stiffness_1_n_per_mm", 6.0),), ()).with_term(term)

@@ -447,6 +447,20 @@ def test_channel_that_only_another_repeat_measured_counts() -> None:
     assert counted == [("g0", "force"), ("g0", "muscle_length"), ("g1", "pressure")]
 
 
+def test_noise_has_the_weights_of_the_errors() -> None:
+    """A channel of one trial only counts in one fold, for the noise as for the errors."""
+    experiments = [replace(e, group=f"condition {k}") for k, e in enumerate(make_repeats([np.ones(50)] * 4))]
+    force = experiments[0].measured["force"]
+    experiments[0] = replace(experiments[0], measured={"force": force, "pressure": force})
+    law = {"force": Noise(10.0, ()), "pressure": Noise(1.0, ())}
+    repeat_noise = {"force": Noise(1.0, ()), "pressure": Noise(0.8, ())}
+    selection = PredictiveSelection(WeightedData(Simulator(1), experiments, law), repeat_noise, [])
+    residuals = {k: {c: np.full(50, repeat_noise[c].std) for c in e.measured} for k, e in enumerate(experiments)}
+    errors = [selection.compute_fold_error(fold, residuals) for fold in selection.folds]
+    assert [selection.compute_fold_noise(fold) for fold in selection.folds] == pytest.approx(errors)
+    assert np.mean(errors) == pytest.approx((0.5 * (0.01 + 0.64) + 3 * 0.01) / 4)
+
+
 def test_parameter_that_the_data_do_not_determine_stays_when_a_condition_is_left_out() -> None:
     """A linear step without a limit would move it to its bound, where the linear model does not hold."""
     rng, n = np.random.default_rng(2), 200

@@ -251,7 +251,7 @@ class PredictiveSelection:
         ]
         return float(np.mean(squares)) if squares else 0.0
 
-    def _compute_fold_noise(self, fold: Sequence[FoldPart]) -> float | None:
+    def compute_fold_noise(self, fold: Sequence[FoldPart]) -> float | None:
         """Return what noise alone gives in :meth:`compute_fold_error`; None where no channel has a known noise."""
         fractions = [
             self.repeat_noise[channel].std ** 2 / self.data.noise[channel].std ** 2
@@ -313,7 +313,7 @@ class PredictiveSelection:
             models = self._add_simplified(refined, [refined if model is coarse else model for model in models])
 
     def _decide(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
-        fold_noise = [noise for noise in map(self._compute_fold_noise, self.folds) if noise is not None]
+        fold_noise = [noise for noise in map(self.compute_fold_noise, self.folds) if noise is not None]
         noise = float(np.mean(fold_noise)) if fold_noise else 0.0
         models = refuse_idle_terms(base, models, len(self.folds), noise)
         nameable = [model for model in models if not model.obstacle]
