@@ -19,6 +19,8 @@ MAX_SUGGESTION_LENGTH = 80
 MAX_LISTED_COLUMNS = 12
 """Maximum number of columns that one message lists."""
 
+PRESSURE_UNIT = "Pa"
+"""SI unit of pressures."""
 _HEADING = re.compile(r"(?P<name>\w+)\s*\[(?P<unit>[^\[\]]*)\]")
 _HEADING_WITHOUT_UNIT = re.compile(r"(?P<name>\w+)\s*([(\[{/,:].*)?")
 
@@ -89,7 +91,8 @@ def assign_columns(
         by_channel[channel] = Assignment(expression.text, indices, unit, factor, expression)
         remarks += [remark] if remark else []
     used = {index for assignment in by_channel.values() for index in assignment.indices.values()}
-    # A column that only corrects another channel, such as the force in a length, remains a channel of its own.
+    # A column that only corrects another channel, such as the force in a length, remains a channel of its own. A
+    # pressure does not: where a force is computed from it, the device may have no air.
     sole = {next(iter(a.indices.values())) for a in by_channel.values() if len(a.indices) == 1}
     ignored: list[str] = []
     for index, heading in enumerate(file.headings if file.has_units else ()):
@@ -242,10 +245,10 @@ def _match_channel(
 
 
 def _states_channel(heading: str, column_units: Mapping[str, str]) -> bool:
-    """Return whether ``heading`` is the name of a channel with a unit of its kind."""
+    """Return whether ``heading`` is the name of a channel with a unit of its kind, other than a pressure."""
     match = _HEADING.fullmatch(heading)
     name = match["name"].lower() if match else ""
-    if match is None or name not in column_units:
+    if match is None or column_units.get(name, PRESSURE_UNIT) == PRESSURE_UNIT:
         return False
     return unit_conversion.get_si_factor(match["unit"].strip(), column_units[name]) is not None
 
