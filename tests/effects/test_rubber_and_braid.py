@@ -147,15 +147,14 @@ def test_hysteretic_stretch_approaches_its_limit_for_any_step(name: str, ratio: 
 @settings(deadline=None)
 @given(
     ratio=st.sampled_from([0.0, 0.3, 0.9, 1.0]),
-    relative_start=st.floats(-1.0, 1.0),
+    start=st.floats(-2e-3, 2e-3),
     displacement=st.floats(-5e-3, 5e-3),
     max_stretch=st.floats(1e-4, 1e-3),
 )
 def test_bouc_wen_step_integrates_its_equation(
-    ratio: float, relative_start: float, displacement: float, max_stretch: float
+    ratio: float, start: float, displacement: float, max_stretch: float
 ) -> None:
     """Against many explicit midpoint steps of ``du/dx = 1 - |u| (beta sign(u dx) + gamma)``."""
-    start = relative_start * max_stretch
     beta, n = 1.0 / (max_stretch * (1.0 + ratio)), 4000
     u, dx = start, displacement / n
 
@@ -165,16 +164,6 @@ def test_bouc_wen_step_integrates_its_equation(
     for _ in range(n):
         u += dx * slope(u + 0.5 * dx * slope(u))
     assert step_bouc_wen(start, displacement, max_stretch, ratio, 1e-3) == pytest.approx(u, abs=2e-7)
-
-
-@pytest.mark.parametrize("ratio", [0.0, 1.0])
-def test_friction_falls_with_its_level(ratio: float) -> None:
-    """A muscle that is held while it is vented keeps no more friction than its pressure allows, down to none."""
-    u = 0.9e-3
-    for level in (1e-3, 5e-4, 1e-5, 1e-9):
-        u = step_bouc_wen(u, 0.0, level, ratio, 1e-3)
-        assert u == min(0.9e-3, level)
-        assert step_bouc_wen(-u, 0.0, level, ratio, 1e-3) == -u
 
 
 def test_dahl_unloads_on_a_curve_and_equal_constants_on_a_line() -> None:

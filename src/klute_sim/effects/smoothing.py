@@ -43,12 +43,10 @@ def step_bouc_wen(stretch: float, displacement: float, max_stretch: float, gamma
     ``gamma_ratio`` = gamma / beta in [0, 1]. With 0 it is Dahl's model, ``du/dx = 1 - u sign(dx) / max_stretch`` (Dahl,
     Aerospace Corp. TOR-0158(3107-18)-1, 1968); with 1 it unloads along a straight line. A spring of constant
     stiffness k under the stretch u dissipates ``k u^2 (beta + gamma sign(u dx)) |dx|``, so it is passive for any
-    history of ``max_stretch`` >= 0: where that has fallen below |u|, u falls with it. After
-    :data:`EQUILIBRIUM_TIME_STEP` it has relaxed.
+    history of ``max_stretch`` >= 0. After :data:`EQUILIBRIUM_TIME_STEP` it has relaxed.
     """
     if dt >= EQUILIBRIUM_TIME_STEP or max_stretch <= 0.0:
         return 0.0
-    stretch = min(max(stretch, -max_stretch), max_stretch)
     if displacement == 0.0:
         return stretch
     path, size = abs(displacement), abs(stretch)
