@@ -358,7 +358,7 @@ def main() -> None:
         if unfinished:
             console.print(
                 f"Not scored: {', '.join(unfinished)}. These datasets were begun and have no result: the run was "
-                "interrupted, or the program failed. Failures are the hard ones.",
+                "interrupted, or the program failed. The page does not count them.",
                 style="yellow",
                 highlight=False,
             )

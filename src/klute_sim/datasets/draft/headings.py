@@ -87,7 +87,7 @@ _ROOM = frozenset(
         "luftdruck",
     )
 )
-"""Words of the pressure of the room, which is none of the muscle."""
+"""Words of the pressure of the room, which is not that of the muscle."""
 
 _START = r"(?:(?<![A-Za-z])|(?<=[a-z])(?=[A-Z])|(?=[A-Z][a-z]))"
 _END = r"(?:(?![A-Za-z])|(?<=[a-z])(?=[A-Z])|(?=[A-Z][a-z]))"
