@@ -148,7 +148,9 @@ def replace_computations(monkeypatch: pytest.MonkeyPatch, *, chi2: float, has_re
 
 
 def select_course(linear: Any, held: Any) -> tuple[Any, list[str]]:
-    return held_commands.select_command_course(linear, lambda trials: held, lambda fraction, stage: None)
+    return held_commands.select_command_course(
+        linear, lambda trials: held, lambda prepared: held, lambda fraction, stage: None
+    )
 
 
 @pytest.mark.parametrize(
@@ -380,10 +382,33 @@ def test_held_command_is_tried_for_a_shift_that_a_large_effect_hides(
     searches: list[Any] = []
     replace_computations(monkeypatch, chi2=2.0)  # more than 1.0 of the linear commands
     outcome, _ = held_commands.select_command_course(
-        linear, lambda trials: searches.append(trials) or held, lambda fraction, stage: None
+        linear, lambda trials: held, lambda prepared: searches.append(prepared) or held, lambda fraction, stage: None
     )
     assert len(searches) == is_tried
     assert outcome is (held if is_tried else linear)
+
+
+@pytest.mark.parametrize(
+    ("names", "held_bic", "is_searched"),
+    [
+        pytest.param("leak", 7.0, False, id="worse"),
+        pytest.param("leak", 5.0, True, id="hardly worse"),
+        pytest.param("leak clock_skew", 7.0, True, id="a shift, which is another course"),
+    ],
+)
+def test_no_model_is_searched_where_the_names_fit_held_commands_worse(
+    names: str, held_bic: float, is_searched: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second search takes as long as the first one."""
+    linear, held = make_outcome(names), make_outcome("leak", bic=-90.0)
+    held.data = SimpleNamespace(noise={})
+    linear.compute_bic = lambda data: held_bic if data is held.data else 0.0
+    replace_computations(monkeypatch, chi2=0.0)
+    searches: list[Any] = []
+    held_commands.select_command_course(
+        linear, lambda trials: held, lambda prepared: searches.append(prepared) or held, lambda fraction, stage: None
+    )
+    assert len(searches) == is_searched
 
 
 def test_gain_of_shifts_is_what_is_lost_without_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:

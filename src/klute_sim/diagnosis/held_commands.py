@@ -152,7 +152,10 @@ def _has_held_variants(experiments: list[Experiment]) -> bool:
 
 
 def select_command_course(
-    linear: Outcome, search_model: Callable[[list[Experiment]], Outcome], progress: ProgressCallback
+    linear: Outcome,
+    prepare: Callable[[list[Experiment]], Preparation],
+    search_model: Callable[[Preparation], Outcome],
+    progress: ProgressCallback,
 ) -> tuple[Outcome, list[str]]:
     """Return the outcome with linear or with held commands, whichever explains the data better, and what to say of it.
 
@@ -160,7 +163,9 @@ def select_command_course(
     is the outcome with linear commands. Held ones are tried where they reduce the misfit of its device without effects,
     where it names a shift in time, and where it leaves a misfit of a pressure: a large effect, or a wrong rate of the
     supply, can hide that they fit better. With linear commands, samples that depend on their course have a smaller
-    weight. With held ones none has, so the two are compared with the weights of held commands.
+    weight. With held ones none has, so the two are compared with the weights of held commands. No model is searched
+    with held commands where the names found with linear ones, no shift among them, explain the data worse with held
+    ones and leave no misfit of a pressure.
 
     Held commands are chosen, whatever is named, if the measured pressures agree with them and not with linear ones:
     without any name, or with all names of either outcome, unless held commands need a further shift in time.
@@ -170,11 +175,17 @@ def select_command_course(
     experiments = [e.held_variant or e for e in linear.experiments]
     fitted = [e for e in experiments if e.use == "fit" and e.measured]
     has_less_misfit = _compute_chi2(linear.data.with_experiments(fitted), linear.base_fit) <= linear.base_fit.chi2
-    if not (has_less_misfit or linear.n_time_shifts or _has_misfit(linear.data, linear.selected.final_fit)):
+    is_doubtful = linear.n_time_shifts > 0 or _has_misfit(linear.data, linear.selected.final_fit)
+    if not (has_less_misfit or is_doubtful):
         return linear, []
     progress(0.2, "fitting with commands that are held until the next sample")
-    held = search_model(experiments)
-    difference = linear.compute_bic(_copy_weights(linear.data, held.data)) - held.compute_bic(held.data)
+    prepared = prepare(experiments)
+    linear_bic = linear.compute_bic(_copy_weights(linear.data, prepared.data))
+    is_searched = is_doubtful or _is_less_left_by_course(linear, prepared)
+    if not is_searched and linear.compute_bic(prepared.data) > linear_bic + linear.search.bic_threshold:
+        return linear, []
+    held = search_model(prepared)
+    difference = linear_bic - held.compute_bic(held.data)
     has_further_shift = held.n_time_shifts > linear.n_time_shifts
     is_decided = _is_pressure_explained_by_course(linear, held) or _is_less_left_by_course(linear, held)
     if is_decided or (not has_further_shift and _is_pressure_explained_by_names(linear, held)):
@@ -208,7 +219,7 @@ def _is_pressure_explained_by_course(linear: Preparation | Outcome, held: Prepar
     return not is_left and _has_misfit(_copy_weights(linear.data, held.data), linear.base_fit)
 
 
-def _is_less_left_by_course(linear: Outcome, held: Outcome) -> bool:
+def _is_less_left_by_course(linear: Outcome, held: Preparation | Outcome) -> bool:
     """Return whether held commands alone leave far less in pressures without repeats than linear ones do.
 
     Nor may they leave more than linear commands with all names do.

@@ -145,7 +145,7 @@ def _run_workflow(
     if held:
         reasons.append(held[1])
     elif outcome.selected.verdict != "nothing-missing":
-        outcome, remarks = select_command_course(outcome, lambda trials: search_model(prepare(trials)), progress)
+        outcome, remarks = select_command_course(outcome, prepare, search_model, progress)
         reasons += remarks
     reasons += outcome.remarks
     experiments, data, search, base_fit, selected, _ = outcome
