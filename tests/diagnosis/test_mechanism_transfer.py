@@ -121,6 +121,19 @@ def test_coordinate_keeps_its_change_and_a_declared_zero_stays(first: Dataset, o
         assert value == pytest.approx(0.044)
 
 
+@pytest.mark.parametrize("key", ["flexor/supply.gas_temperature_c", "supply.gas_temperature_c"])
+def test_temperature_keeps_its_absolute_change(key: str, first: Dataset, other: Dataset) -> None:
+    """Of one tendon and of all; a ratio of degrees Celsius means nothing, least of all near 0."""
+    cold = load_device("klute-3-4-pair").with_changes({"supply.gas_temperature_c": 0.5})
+    assert other.mechanism is not None
+    devices = {**other.mechanism.devices, "flexor": cold}
+    outdoors = replace(other, device=cold, mechanism=replace(other.mechanism, devices=devices))
+    prediction = predict_dataset(make_diagnosis(replace(first, uncertainties={key: 4.0}), x=[2.0]), outdoors)
+    number = next(n for n in prediction.numbers if n.name == "flexor/supply.gas_temperature_c")
+    assert (number.found, number.used) == pytest.approx((28.0, 8.5))
+    assert number.rule == "the declared 0.5, moved by as much as in the fit"
+
+
 @pytest.mark.parametrize("owner", [None, "flexor"])
 def test_effect_of_the_muscle_follows_the_diameter_of_its_own_tendon(owner: str | None, first: Dataset) -> None:
     assert first.mechanism is not None

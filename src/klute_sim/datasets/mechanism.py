@@ -21,6 +21,7 @@ from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.mjcf.model_effects import JOINT_TYPES
 from klute_sim.plant.mjcf.model_file import MODEL_NAMES, ModelFile, load_model_file
 from klute_sim.plant.mjcf.model_numbers import PREFIX, collect_model_numbers, set_model_numbers, suggest_number
+from klute_sim.units import split_unit
 
 DEVICE_SEPARATOR = "/"
 """Separator of tendon and ``section.key`` in the name of a number of one device, such as ``flexor/muscle.c10_kpa``."""
@@ -209,3 +210,20 @@ SIGNED_PREFIXES = (*COORDINATE_PREFIXES, "gravity_")
 def is_model_number(name: str) -> bool:
     """Return whether ``name`` is that of a number of a model."""
     return name.startswith(PREFIX)
+
+
+def has_arbitrary_zero(name: str) -> bool:
+    """Return whether the zero of the number ``name`` is arbitrary: a coordinate of a model, or a temperature in °C."""
+    key = name.rpartition(".")[2]
+    return split_unit(key)[1] == "°C" or (is_model_number(name) and key.startswith(COORDINATE_PREFIXES))
+
+
+def carry_error(name: str, declared: float, corrected: float, other: float) -> float:
+    """Return ``other``, a value of the number ``name``, with the error for which ``declared`` became ``corrected``.
+
+    The relative error is the same; where the zero of the number is arbitrary, or ``declared`` is 0, the absolute one.
+    All values are in the unit of the number.
+    """
+    if declared == 0.0 or has_arbitrary_zero(name):
+        return other + corrected - declared
+    return other * corrected / declared

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from klute_sim.datasets.dataset import Dataset, split_dataset
-from klute_sim.datasets.mechanism import COORDINATE_PREFIXES, DEVICE_SEPARATOR, is_model_number
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, has_arbitrary_zero, is_model_number
 from klute_sim.device.device import Device
 from klute_sim.diagnosis.data_quality import clean_data
 from klute_sim.diagnosis.experiments.base import Experiment
@@ -65,10 +65,10 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
     """Return how well the device that ``diagnosis`` found predicts ``dataset``, without any fit to it.
 
     The other dataset declares its own device, which states the changes of geometry. A number that the diagnosis fitted
-    keeps its *relative* change, a coordinate of the model its absolute one, because its zero is arbitrary. Effects of
-    device and body are added as they were found; a parameter that changes with the muscle's diameter changes with the
-    ratio of the bladder radii. Faults of instruments and errors of the registration belong to the first set-up and stay
-    there.
+    keeps its *relative* change, a coordinate of the model or a temperature in °C its absolute one, because its zero is
+    arbitrary. Effects of device and body are added as they were found; a parameter that changes with the muscle's
+    diameter changes with the ratio of the bladder radii. Faults of instruments and errors of the registration belong to
+    the first set-up and stay there.
 
     Dead, copied, contradicted and saturated data are not compared. Trials are predicted whatever their ``use``.
 
@@ -283,14 +283,9 @@ def _list_numbers(
     return tuple(listed)
 
 
-def _is_coordinate(name: str) -> bool:
-    """Return whether the zero of the model's number ``name`` is arbitrary, so that its change is absolute."""
-    return is_model_number(name) and name.rpartition(".")[2].startswith(COORDINATE_PREFIXES)
-
-
 def _describe_rule(key: str, declared: float, used: float) -> str:
     """Return how the number ``key`` of another dataset follows from its ``declared`` value."""
-    if _is_coordinate(key):
+    if has_arbitrary_zero(key):
         return f"the declared {declared:.4g}, moved by as much as in the fit"
     if declared == 0.0:
         return "the declared 0, which a relative change leaves" if used == 0.0 else "as found"
@@ -337,7 +332,7 @@ def _declare_mechanism_numbers(hypothesis: Hypothesis, dataset: Dataset) -> Hypo
             continue
         numbers[name] = known[name]
         if name in deviations:
-            is_relative = declared != 0.0 and not _is_coordinate(name)
+            is_relative = declared != 0.0 and not has_arbitrary_zero(name)
             deviations[name] *= abs(known[name] / declared) if is_relative else 1.0
     return replace(hypothesis, uncertainties=tuple(deviations.items()), mechanism_numbers=tuple(numbers.items()))
 

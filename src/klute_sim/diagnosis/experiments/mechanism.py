@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from klute_sim.datasets.mechanism import DatasetMechanism
+from klute_sim.datasets.mechanism import DatasetMechanism, carry_error
 from klute_sim.datasets.mechanism_channels import parse_channel
 from klute_sim.datasets.trial import TimeSeries, Trial, Use
 from klute_sim.diagnosis.experiments.base import (
@@ -195,12 +195,11 @@ class MechanismExperiment(Experiment):
         return DeviceResponse(time, first.tension, first.pressure, first.length, channels=channels)
 
     def correct_model_numbers(self, changes: Mapping[str, NumberChange]) -> dict[str, float]:
-        """Return the changed numbers; one that the trial overrides has the same relative error as the declared one."""
-        corrected = {}
-        for name, (declared, value) in changes.items():
-            own_value = self.numbers.get(name, declared)
-            corrected[name] = own_value * value / declared if declared != 0.0 else own_value + value
-        return corrected
+        """Return the changed numbers; one that the trial overrides has the error of the declared one."""
+        return {
+            name: carry_error(name, declared, value, self.numbers.get(name, declared))
+            for name, (declared, value) in changes.items()
+        }
 
     def perturb_inputs(self, delay: Callable[[Array], Array]) -> tuple[Experiment, Experiment, Experiment]:
         """Perturb all pressures, perturb all driven joints, and delay all pressures."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, SIGNED_PREFIXES, is_model_number
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, SIGNED_PREFIXES, carry_error, is_model_number
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.schema.document import DeviceSpec
@@ -330,12 +330,12 @@ class Hypothesis:
     ) -> dict[str, float]:
         """Return ``section.key`` -> number of ``device`` on ``tendon`` (None: no mechanism) at parameter ``values``.
 
-        A number that a trial or a tendon overrides has the same relative error as that of the dataset's device. An
-        error of the device on one tendon, or of ``specimen`` (None: none in particular), is added to those of all.
+        A number that a trial or a tendon overrides has the error of that of the dataset's device (:func:`carry_error`).
+        An error of the device on one tendon, or of ``specimen`` (None: none in particular), is added to those of all.
         """
         nominal, own_values = self.device.spec.collect_values(), device.spec.collect_values()
         corrected = {
-            key: own_values[key] * value / nominal[key] if nominal[key] != 0.0 else own_values[key] + value
+            key: carry_error(key, nominal[key], value, own_values[key])
             for key, value in self.collect_numbers(values).items()
             if key in own_values
         }
