@@ -18,6 +18,7 @@ from klute_sim.diagnosis.transfer import (
     _compute_diameter_ratios,
     _declare_mechanism_numbers,
     _describe_rule,
+    _list_numbers,
     predict_dataset,
 )
 from klute_sim.errors import InputError
@@ -168,10 +169,60 @@ def test_effect_of_all_tendons_holds_for_tendons_of_other_names(first: Dataset) 
         _compute_diameter_ratios(other, first)
 
 
+def test_shared_numbers_of_tendons_of_other_names_are_listed(first: Dataset) -> None:
+    """Found is the number of the device that the first joint's tendons share."""
+    shared = replace(first, uncertainties={STIFFNESS: 6.0})
+    assert first.mechanism is not None
+    strong = load_device("klute-3-4-pair").with_changes({STIFFNESS: 30.0})
+    devices = {**first.mechanism.devices, "flexor": strong}
+    renamed = {"front": devices["flexor"], "back": devices["extensor"]}
+    other = replace(first, mechanism=replace(first.mechanism, devices=renamed))
+    diagnosis = make_diagnosis(shared, x=[1.0])
+    assert diagnosis.final_fit is not None
+    hypothesis, values = diagnosis.final_fit.hypothesis, np.array([1.0])
+    listed = _list_numbers(diagnosis, other, hypothesis, values, values, {None: 1.0})
+    numbers = {number.name: (number.found, number.used) for number in listed}
+    assert numbers == {
+        f"front/{STIFFNESS}": pytest.approx((66.0, 33.0)),
+        f"back/{STIFFNESS}": pytest.approx((66.0, 66.0)),
+    }
+
+
 def test_effect_that_is_built_in_is_not_added(first: Dataset) -> None:
     diagnosis = make_diagnosis(first, EffectTerm("bladder", "mooney_rivlin"), x=[0.0, 0.0, 0.0, 0.1])
     with pytest.raises(InputError, match="cannot have the effect 'bladder'"):
         predict_dataset(diagnosis, first)
+
+
+@pytest.mark.parametrize(
+    ("form", "number", "is_refused"),
+    [
+        ("coulomb", "frictionloss", True),
+        ("stribeck", "frictionloss", True),
+        ("viscous", "damping", True),
+        ("viscous", "frictionloss", False),
+    ],
+)
+def test_friction_is_not_added_to_what_the_joint_declares(
+    form: str, number: str, is_refused: bool, first: Dataset
+) -> None:
+    """The number and the effect describe the same, so both together are twice as much."""
+    name = f"model.joint.joint.{number}"
+    assert first.mechanism is not None
+    values, numbers = first.model_values, first.mechanism.numbers
+    free = replace(first.mechanism, model_values={**values, name: 0.0}, numbers={**numbers, name: 0.0})
+    rough = replace(first.mechanism, model_values={**values, name: 0.2}, numbers={**numbers, name: 0.2})
+    term = EffectTerm("joint_friction", form, part="joint")
+    x = [0.0, 0.0, 0.0, *(0.1 for _ in term.parameters)]
+    diagnosis = make_diagnosis(replace(first, mechanism=free), term, x=x)
+    other = replace(first, mechanism=rough)
+    if is_refused:
+        with pytest.raises(InputError, match=rf"'{name}' = 0.2 already.*'joint_friction@joint'; set the number to 0"):
+            predict_dataset(diagnosis, other)
+    else:
+        assert predict_dataset(diagnosis, other).channels
+    replaced = make_diagnosis(replace(first, mechanism=rough), term, x=x)  # found beside a declared friction
+    assert predict_dataset(replaced, other).channels
 
 
 def test_effect_of_a_tendon_that_is_not_there_is_one_sentence(first: Dataset) -> None:

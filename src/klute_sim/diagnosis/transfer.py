@@ -72,14 +72,16 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
 
     Dead, copied, contradicted and saturated data are not compared. Trials are predicted whatever their ``use``.
 
-    Raises InputError when nothing was fitted, the rigs differ, the other device lacks a fitted number or has an added
-    effect already, or no channel is usable.
+    Raises InputError when nothing was fitted, the rigs differ, the other device or model lacks a fitted number or has
+    an added effect already, or no channel is usable.
     """
     if diagnosis.base_fit is None or diagnosis.final_fit is None:
         raise InputError("the diagnosis fitted nothing, so it cannot predict another dataset; see its reasons")
     check_predictable(diagnosis.dataset, dataset)
     final_hypothesis, final_x = _detach_setup(diagnosis.final_fit, dataset)
     _check_effects(final_hypothesis, dataset)
+    for term in final_hypothesis.terms:
+        _check_joint(term, diagnosis.dataset, dataset)
     experiments = [replace(e, use="fit") for e in prepare_experiments(dataset, split_dataset(dataset))]
     if any(e.holds_command for e in diagnosis.experiments):
         # A command that is linear in the diagnosis has a variant that is held.
@@ -168,6 +170,24 @@ def _check_part(term: EffectTerm, device: Device, dataset: Dataset) -> None:
             f"the device '{device.name}' of dataset '{_get_name(dataset)}' cannot have the effect '{term.effect}' that "
             f"the diagnosis found: {reason}"
         )
+
+
+def _check_joint(term: EffectTerm, first: Dataset, other: Dataset) -> None:
+    """Raise InputError where a joint of ``other`` declares what ``term`` adds, and that of ``first`` does not.
+
+    A form of friction has the number of the forms that it shares a parameter with.
+    """
+    if term.part is None:
+        return
+    keys = {parameter.key for parameter in term.form_definition.parameters}
+    for form in term.effect_definition.forms:
+        number = f"model.joint.{term.part}.{form.replaces_number}"
+        is_same = bool(form.replaces_number) and any(parameter.key in keys for parameter in form.parameters)
+        if is_same and other.model_values.get(number) and not first.model_values.get(number):
+            raise InputError(
+                f"the model of dataset '{_get_name(other)}' has '{number}' = {other.model_values[number]:.4g} already, "
+                f"and the prediction would add the effect '{term.qualified_name}'; set the number to 0 under [numbers]"
+            )
 
 
 def _compute_diameter_ratios(first: Dataset, other: Dataset) -> dict[str | None, float]:
@@ -264,11 +284,12 @@ def _list_numbers(
     fit = diagnosis.final_fit
     assert fit is not None
     found_numbers = _collect_numbers(diagnosis.dataset, fit.hypothesis, fit.values)
-    used_numbers = _collect_numbers(other, hypothesis, hypothesis.values(scaled_x))
+    # A tendon of another name has the errors of the device that all tendons share.
+    shared_numbers = fit.hypothesis.correct_numbers(diagnosis.dataset.device, None, fit.values)
     listed = []
-    for key, found in found_numbers.items():
-        if key in used_numbers:
-            used = used_numbers[key]
+    for key, used in _collect_numbers(other, hypothesis, hypothesis.values(scaled_x)).items():
+        found = found_numbers.get(key, shared_numbers.get(key.rpartition(DEVICE_SEPARATOR)[2]))
+        if found is not None:
             listed.append(TransferredNumber(key, found, used, _describe_rule(key, declared[key], used)))
     rows = zip(hypothesis.parameters, hypothesis.values(x), hypothesis.values(scaled_x), strict=True)
     for parameter, found, used in rows:
