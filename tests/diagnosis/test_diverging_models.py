@@ -80,6 +80,12 @@ def test_share_is_that_of_the_folds_that_the_model_without_effects_predicts() ->
     assert compute_share(replace(base, errors=np.full(3, np.inf)), chosen, 0.0) == 0.0
 
 
+def test_share_is_at_most_one_where_the_noise_is_overestimated() -> None:
+    base, chosen = (PredictiveModel(make_fit(), np.full(3, error), np.zeros((3, 0))) for error in (1.0, 0.2))
+    assert compute_share(base, chosen, 0.1) == pytest.approx(0.8 / 0.9)
+    assert compute_share(base, chosen, 0.7) == 1.0
+
+
 def test_nothing_is_chosen_where_every_model_diverges() -> None:
     trials = make_repeats([np.linspace(0.0, 500.0, 100)] * 2)
     selection = PredictiveSelection(WeightedData(Simulator(1), trials, {}), {}, [])

@@ -39,3 +39,12 @@ def test_what_rivals_share_with_the_chosen_model_is_said_once(
     decision = decide_verdict(result)
     assert decision.verdict == "indistinguishable"
     assert decision.reasons[-1].startswith(expected)
+
+
+@pytest.mark.parametrize(("share", "is_said"), [(1.0, True), (0.99, False)])
+def test_share_of_one_says_that_the_noise_is_overestimated(share: float, is_said: bool) -> None:
+    base, chosen = make_model(error=9.0), make_model(TENSION, error=1.0)
+    result = PredictiveResult(base, chosen, [], [chosen, base], {TENSION: 1.0}, share, 2.0, "condition", 6)
+    decision = decide_verdict(result)
+    assert decision.verdict == "identified-in-part"
+    assert any("noise is estimated too large" in reason for reason in decision.reasons) == is_said

@@ -139,6 +139,11 @@ def decide_verdict(
         f"{names} {'explain' if len(chosen.terms) > 1 else 'explains'} {100 * result.share:.0f} % of the squared error "
         f"of prediction above the noise; chosen again without one {kind}: {stability}.",
     ]
+    if result.share >= 1.0:
+        reasons.append(
+            "The predictions are closer to the data than the noise between repeats, so this noise is estimated too "
+            "large, and nothing is known of what remains."
+        )
     if result.share < MIN_SHARE:
         reasons.append(
             f"A share of {100 * result.share:.0f} % is not enough for a name; {100 * MIN_SHARE:.0f} % are required."

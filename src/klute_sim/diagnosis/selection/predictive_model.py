@@ -107,7 +107,7 @@ class PredictiveResult:
     stability: dict[EffectTerm, float]
     """Fraction of the selections without one fold in which each term of the chosen model is chosen again."""
     share: float
-    """Share of the explainable error of prediction that the chosen model takes; noise cannot be explained."""
+    """Share of the explainable error of prediction that the chosen model takes, at most 1; noise is not explained."""
     noise: float
     """Squared error of prediction that the noise between repeats alone makes; 0 without repeats."""
     fold_kind: str
@@ -183,15 +183,16 @@ def compare_errors(model: PredictiveModel, base: PredictiveModel) -> float | Non
 
 
 def compute_share(base: PredictiveModel, chosen: PredictiveModel, noise: float) -> float:
-    """Return the share of the error of ``base`` above ``noise`` that ``chosen`` takes.
+    """Return the share of the error of ``base`` above ``noise`` that ``chosen`` takes, at most 1.
 
-    Folds in which ``base`` diverges have no finite error and do not show the size of an effect.
+    It would be more where ``chosen`` predicts better than ``noise`` allows, which then is estimated too large. Folds in
+    which ``base`` diverges have no finite error and do not show the size of an effect.
     """
     is_predicted = np.isfinite(base.errors)
     if not is_predicted.any():
         return 0.0
     error, remaining = (float(model.errors[is_predicted].mean()) for model in (base, chosen))
-    return (error - remaining) / (error - noise) if error > noise else 0.0
+    return min(1.0, (error - remaining) / (error - noise)) if error > noise else 0.0
 
 
 def rank_model(model: PredictiveModel) -> tuple[float, str]:
