@@ -21,6 +21,7 @@ from klute_sim.diagnosis.transfer import (
     _list_numbers,
     predict_dataset,
 )
+from klute_sim.diagnosis.transfer_prediction import TransferredNumber
 from klute_sim.errors import InputError
 from klute_sim.report.diagnosis.prediction import build_numbers_table
 from tests.diagnosis.synthetic_joint_dataset import write_dataset
@@ -117,9 +118,32 @@ def test_coordinate_keeps_its_change_and_a_declared_zero_stays(first: Dataset, o
     assert other.mechanism is not None
     moved = replace(other.mechanism, model_values={**other.mechanism.model_values, coordinate: 0.04})
     for hypothesis in (base, wrong):
-        carried = _declare_mechanism_numbers(hypothesis, replace(other, mechanism=moved))
-        (value,) = carried.values(np.array([2.0]))
+        carried, x = _declare_mechanism_numbers(hypothesis, np.array([2.0]), replace(other, mechanism=moved))
+        (value,) = carried.values(x)
         assert value == pytest.approx(0.044)
+
+
+def test_wrong_number_of_one_tendon_has_the_error_and_the_limits_of_its_kind(first: Dataset, other: Dataset) -> None:
+    """A tape is wrong by 2 mm whatever the length; no rubber is softer than all others, on one tendon either."""
+    c10 = "flexor/muscle.c10_kpa"
+    uncertain = {**first.uncertainties, c10: 1000.0}
+    numbers = make_diagnosis(replace(first, uncertainties=uncertain), x=[0.0] * 4).final_fit
+    assert numbers is not None
+    shared = Hypothesis(first.device, (("muscle.c10_kpa", 1000.0),), ())
+    assert numbers.hypothesis.parameters[3].bounds == shared.parameters[0].bounds
+    term = make_error(SLACK)
+    (number,) = predict_wrong_number(first, other, term)
+    assert term.qualified_name == "number_error@flexor/tendon.slack_length_mm"
+    assert (number.found, number.used) == pytest.approx((102.0, 104.0 * 1.02))
+
+
+def predict_wrong_number(first: Dataset, other: Dataset, term: EffectTerm) -> list[TransferredNumber]:
+    """Return the entries for the number of ``term``, which is one plausible error too small and not uncertain."""
+    diagnosis = make_diagnosis(first, term, x=[0.0, 0.0, 0.0, 1.0])
+    assert diagnosis.final_fit is not None
+    hypothesis = replace(diagnosis.final_fit.hypothesis, uncertainties=())
+    diagnosis.final_fit = replace(diagnosis.final_fit, hypothesis=hypothesis, x=np.array([1.0]))
+    return [number for number in predict_dataset(diagnosis, other).numbers if number.name == term.number]
 
 
 @pytest.mark.parametrize("key", ["flexor/supply.gas_temperature_c", "supply.gas_temperature_c"])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from klute_sim.datasets.dataset import Dataset, split_dataset
-from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, has_arbitrary_zero, is_model_number
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, carry_error, has_arbitrary_zero, is_model_number
 from klute_sim.device.device import Device
 from klute_sim.diagnosis.data_quality import clean_data
 from klute_sim.diagnosis.experiments.base import Experiment
@@ -340,11 +340,13 @@ def _detach_setup(fit: Fit, dataset: Dataset) -> tuple[Hypothesis, Array]:
         for index, parameter in enumerate(hypothesis.parameters)
     ]
     detached = replace(hypothesis, terms=terms, registration=())
-    return _declare_mechanism_numbers(detached, dataset), fit.x[is_kept]
+    return _declare_mechanism_numbers(detached, fit.x[is_kept], dataset)
 
 
-def _declare_mechanism_numbers(hypothesis: Hypothesis, dataset: Dataset) -> Hypothesis:
-    """Return ``hypothesis`` with the numbers of the mechanism of ``dataset``, whose relative errors stay the same."""
+def _declare_mechanism_numbers(hypothesis: Hypothesis, x: Array, dataset: Dataset) -> tuple[Hypothesis, Array]:
+    """Return ``hypothesis`` with the numbers of the mechanism of ``dataset``, and ``x`` with which they have the errors
+    of the fit (:func:`~klute_sim.datasets.mechanism.carry_error`).
+    """
     known, deviations = _collect_mechanism_numbers(dataset), dict(hypothesis.uncertainties)
     fitted = {parameter.name for parameter in hypothesis.parameters}
     numbers = {}
@@ -355,7 +357,13 @@ def _declare_mechanism_numbers(hypothesis: Hypothesis, dataset: Dataset) -> Hypo
         if name in deviations:
             is_relative = declared != 0.0 and not has_arbitrary_zero(name)
             deviations[name] *= abs(known[name] / declared) if is_relative else 1.0
-    return replace(hypothesis, uncertainties=tuple(deviations.items()), mechanism_numbers=tuple(numbers.items()))
+    carried = replace(hypothesis, uncertainties=tuple(deviations.items()), mechanism_numbers=tuple(numbers.items()))
+    x = x.copy()
+    for index, (before, after) in enumerate(zip(hypothesis.parameters, carried.parameters, strict=True)):
+        if after.name in numbers:
+            value = before.denormalize(float(x[index]))
+            x[index] = after.normalize(carry_error(after.name, before.initial, value, after.initial))
+    return carried, x
 
 
 def _compute_range(experiments: list[Experiment], channel: str) -> float:

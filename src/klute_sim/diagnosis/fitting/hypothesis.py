@@ -375,7 +375,7 @@ def _limit_number(key: str, nominal_values: Mapping[str, float], half_range: flo
     nominal, lower = nominal_values[key], nominal_values[key] - half_range
     if nominal > 0.0 and not key.rpartition(".")[2].startswith(SIGNED_PREFIXES):
         lower = max(lower, MIN_NUMBER_FRACTION * nominal)
-    lower, upper = limit_to_plausible(key, nominal, lower, nominal + half_range)
+    lower, upper = limit_to_plausible(key.rpartition(DEVICE_SEPARATOR)[2], nominal, lower, nominal + half_range)
     return limit_to_valid(nominal_values, key, lower, upper)
 
 

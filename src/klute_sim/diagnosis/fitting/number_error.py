@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
 
-from klute_sim.datasets.mechanism import is_model_number
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
 from klute_sim.device.schema.document import DeviceSpec
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 
@@ -56,7 +56,7 @@ PLAUSIBLE_ERRORS = {
     "supply.gas_temperature_c": PlausibleError(3.0, 0.0, "assumed: a room over a day"),
     "supply.dead_volume_cm3": PlausibleError(relative=0.5, source="assumed: tubes and fittings, rarely measured"),
 }
-"""``section.key`` -> plausible error; :data:`DEFAULT_PLAUSIBLE_ERROR` for other keys."""
+"""``section.key``, of all devices or of one -> plausible error; :data:`DEFAULT_PLAUSIBLE_ERROR` for other keys."""
 KEYS_WITHOUT_UPPER_LIMIT = frozenset({"supply.rate_bar_per_s"})
 """Numbers that may be named at their upper bound: beyond it, a faster supply changes nothing in the data."""
 _DRY_FRICTION = PlausibleError(relative=0.5, source="assumed: depends on load and wear")
@@ -105,7 +105,7 @@ def _split_model_name(name: str) -> tuple[str, str]:
 def _find_plausible_error(key: str) -> PlausibleError:
     if is_model_number(key):
         return MODEL_PLAUSIBLE_ERRORS.get(_split_model_name(key), DEFAULT_PLAUSIBLE_ERROR)
-    return PLAUSIBLE_ERRORS.get(key, DEFAULT_PLAUSIBLE_ERROR)
+    return PLAUSIBLE_ERRORS.get(key.rpartition(DEVICE_SEPARATOR)[2], DEFAULT_PLAUSIBLE_ERROR)
 
 
 def compute_plausible_error(key: str, value: float) -> float:
