@@ -198,6 +198,8 @@ OUT_OF_CATALOGUE_JOINT_FORMS: Forms = {
 }
 """Effects of a joint that are in no catalogue."""
 
+TENDONS = ("flexor", "extensor")
+"""Tendons of the antagonist joint, which each carry a device."""
 VALVE_EFFECTS = {"leak"}
 """Effects that a regulator compensates; they are hidden in a device with a known valve."""
 EXACT_TWINS = {

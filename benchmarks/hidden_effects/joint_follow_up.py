@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 from benchmarks.hidden_effects.air import AIR_STEP
-from benchmarks.hidden_effects.catalogue import JOINT_CHANNELS
+from benchmarks.hidden_effects.catalogue import JOINT_CHANNELS, TENDONS
 from benchmarks.hidden_effects.follow_up import FOLLOW_UP_GROUP
 from benchmarks.hidden_effects.imperfect import SEEN_SPECIMENS
 from benchmarks.hidden_effects.joints import (
     SAMPLE_INTERVAL,
-    TENDONS,
     WANDER,
     Floats,
     JointNumbers,

@@ -19,6 +19,7 @@ from benchmarks.hidden_effects.catalogue import (
     JOINT_EFFECTS,
     JOINT_LOAD_CELLS,
     OUT_OF_CATALOGUE_JOINT_FORMS,
+    TENDONS,
     instrument_forms,
 )
 from benchmarks.hidden_effects.device import PRESET_FILE, add_effects, build_neutral_law, load_device
@@ -29,7 +30,6 @@ from benchmarks.hidden_effects.truth import TRACE_STEP
 
 Effects = Sequence[Mapping[str, Any]]
 Floats = np.ndarray
-TENDONS = ("flexor", "extensor")
 SAMPLE_INTERVAL = 5e-3  # s: of the log and of the commands
 DURATION, REST_DURATION = 3.0, 0.4  # s
 ORIGIN_HEIGHT = 0.29  # m: of both muscles, so that their tendons are just taut

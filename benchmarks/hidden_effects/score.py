@@ -4,8 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmarks.hidden_effects.catalogue import EFFECTS, JOINT_EFFECTS
-from benchmarks.hidden_effects.joints import TENDONS
+from benchmarks.hidden_effects.catalogue import EFFECTS, JOINT_EFFECTS, TENDONS
 
 Truth = Mapping[str, Any]
 Verdict = Mapping[str, Any]

@@ -1,5 +1,7 @@
 """Scores of answers to a release: what is right, what is a twin, and that hedging gains nothing."""
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -138,6 +140,14 @@ def test_silence_about_a_wrong_number_is_right_only_without_influence(size: floa
     effects = [{"name": "number_error", "number": "muscle.c10_kpa"}]
     named = score_answer("d", truth, {"verdict": "identified", "effects": effects, "alternatives": []})
     assert named.outcome == "right"
+
+
+def test_scorer_needs_nothing_but_python(tmp_path: Path) -> None:
+    """Isolated (-I) from the environment's variables, and without its packages (-S)."""
+    release.write_scorer(tmp_path / "score.pyz")
+    command = [sys.executable, "-I", "-S", str(tmp_path / "score.pyz"), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_wilson_interval() -> None:
