@@ -12,7 +12,9 @@ from benchmarks.hidden_effects.score import (
     Truth,
     Verdict,
     are_kinds_confused,
+    is_absorbed,
     is_first_right,
+    is_out_of_catalogue,
     is_wrong_alone,
     list_effect_sets,
     list_hidden_effects,
@@ -147,7 +149,7 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         ),
         _fraction_metric(
             "outside the catalogue at 2 and 0.7 times the noise: a wrong name alone",
-            rows_of("faint_outside"),
+            [row for row in rows_of("faint_outside") if not is_absorbed(row.truth)],
             _is_wrong_alone,
             0.05,
             at_most=True,
@@ -330,7 +332,7 @@ def _select_catalogued(rows: Iterable[DatasetResult]) -> list[DatasetResult]:
     return [
         row
         for row in _select_hidden(rows)
-        if row.verdict["verdict"] == "indistinguishable" and not row.truth.get("deleted") and not row.truth["strangers"]
+        if row.verdict["verdict"] == "indistinguishable" and not is_out_of_catalogue(row.truth)
     ]
 
 

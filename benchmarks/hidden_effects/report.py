@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks.hidden_effects.metrics import DatasetResult, compute_metrics
 from benchmarks.hidden_effects.score import (
-    MAX_ABSORBED_RESIDUAL,
+    MAX_ABSORBED_SIZE,
     WRONG_OUTCOMES,
     Verdict,
     are_kinds_confused,
@@ -161,7 +161,7 @@ def summarise_method(rows: Sequence[DatasetResult]) -> dict[str, Any]:
         "flagged": sum(row.outcome == "flagged" for row in outside),
         "median_cpu_s": _median(times),
         "gap_removed": _median(
-            _worst_gap(row)[1] for row in rows if residual_over_noise(row.verdict) >= MAX_ABSORBED_RESIDUAL
+            _worst_gap(row)[1] for row in rows if residual_over_noise(row.verdict) >= MAX_ABSORBED_SIZE
         ),
     }
 

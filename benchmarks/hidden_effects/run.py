@@ -187,8 +187,7 @@ class BenchmarkRun:
             second_outcome = score_follow_up(truth, second_verdict)
         own_result = DatasetResult(name, truth, verdict, score_verdict(truth, verdict), second_outcome)
         return own_result, {
-            method: DatasetResult(name, truth, other, score_verdict(truth, share_refit(verdict, other)))
-            for method, other in answers.items()
+            method: DatasetResult(name, truth, other, score_verdict(truth, other)) for method, other in answers.items()
         }
 
     def load_finished(self, spec: DatasetSpec) -> DatasetResult | None:
@@ -252,22 +251,6 @@ class BenchmarkRun:
         with tempfile.TemporaryDirectory() as folder:
             make_follow_up(dataset, truth, verdict["next_experiment"], Path(folder) / "again")
             return run_diagnosis(Path(folder) / "again", excluded, self._n_jobs)
-
-
-def share_refit(verdict: Verdict, answer: Verdict) -> Verdict:
-    """Return the ``answer`` of another method with the refitted device and the near twins of ``verdict``.
-
-    All methods are compared with the same refitted device; what is left with the effects that a method names is its
-    own. A channel that it does not predict keeps the misfit of the refit.
-    """
-    gap = {
-        channel: {
-            **entry,
-            "with_effects": answer.get("gap", {}).get(channel, {}).get("with_effects", entry["refitted"]),
-        }
-        for channel, entry in verdict.get("gap", {}).items()
-    }
-    return {**answer, "gap": gap, "indistinguishable": verdict.get("indistinguishable", ())}
 
 
 def get_rig(block: str) -> str:

@@ -4,15 +4,15 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmarks.hidden_effects.catalogue import EFFECTS, JOINT_EFFECTS, TENDONS
+from benchmarks.hidden_effects.catalogue import EFFECTS, EXACT_TWINS, JOINT_EFFECTS, TENDONS, TWIN_NUMBERS
 
 Truth = Mapping[str, Any]
 Verdict = Mapping[str, Any]
 
 FLAGGED_VERDICTS = {"unexplained", "insufficient-data"}
 NAMING_VERDICTS = {"identified", "identified-in-part", "indistinguishable"}
-MAX_ABSORBED_RESIDUAL = 0.6
-"""Largest residual after refitting, over the noise, that leaves nothing to identify."""
+MAX_ABSORBED_SIZE = 0.6
+"""Size over the noise below which the uncertain numbers imitate what is hidden, so that nothing is left to identify."""
 REGISTRATION_EFFECTS = {"sensor_offset@ankle_angle": "registration.ankle_zero_deg"}
 """Fault of an instrument -> number of the registration of a walk that it is, in the same unit."""
 PHYSICAL_NAMES = {name for name, _ in EFFECTS}
@@ -68,19 +68,28 @@ def remove_joint(name: str) -> str:
 
 def residual_over_noise(verdict: Verdict) -> float:
     """Return the residual of the refitted device on test trials, RMS over the noise, in the worst channel."""
-    return _gap_over_noise(verdict, "refitted")
-
-
-def _gap_over_noise(verdict: Verdict, stage: str) -> float:
-    """Return the RMS over the noise at a ``stage`` of the gap; 0 where the noise is unknown."""
     gaps = [gap for gap in verdict.get("gap", {}).values() if gap["noise_floor"]]
-    return math.sqrt(max([0.0, *((gap[stage] / gap["noise_floor"]) ** 2 - 1.0 for gap in gaps)]))
+    return math.sqrt(max([0.0, *((gap["refitted"] / gap["noise_floor"]) ** 2 - 1.0 for gap in gaps)]))
 
 
-def near_twins(name: str, verdict: Verdict) -> set[str]:
-    """Return the effects that the program reports as indistinguishable from ``name`` in these data."""
-    pairs = [set(map(remove_joint, pair)) for pair in verdict.get("indistinguishable", ())]
-    return {other for pair in pairs if name in pair for other in pair} - {name}
+def is_absorbed(truth: Truth) -> bool:
+    """Return whether the uncertain numbers imitate all that is hidden: the data show nothing of it.
+
+    This follows from the ground truth alone, so it is the same for all methods.
+    """
+    return bool(list_hidden_effects(truth)) and float(truth["size"]) < MAX_ABSORBED_SIZE
+
+
+def list_exact_twins(name: str) -> set[str]:
+    """Return the effects with a form that contains the hidden effect ``name``, with the numbers that equal it.
+
+    The effect need not contain a form of its twin. What a method itself calls indistinguishable does not count.
+    """
+    return {
+        f"{twin}@{number}" if number else twin
+        for twin in EXACT_TWINS.get(name, ())
+        for number in (TWIN_NUMBERS[name] if twin == NUMBER_NAME else (None,))
+    }
 
 
 def score_verdict(truth: Truth, verdict: Verdict) -> str:
@@ -89,13 +98,13 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     ``right``, ``twin``, ``loose``, ``part``, ``absorbed``, ``missed``, ``flagged``, ``wrong`` or ``false-alarm``.
 
     *right*: exactly the hidden effects were identified, or an `indistinguishable` verdict lists them among at most two
-    sets, or among one more than there are near twins (*loose*: among more); for clean data, nothing is missing; for
+    sets, or among one more than there are exact twins (*loose*: among more); for clean data, nothing is missing; for
     defective data and for an imperfect law without an effect, no effect was identified. Also right: the verdict is
     `nothing-missing`, and the interval of the registration number that equals the hidden fault contains its size.
     Effects outside of the catalogue have to be *flagged*: no effect was identified, or a data-driven term is one of
-    several sets. *twin*: a near twin was identified instead. *part*: only some of several effects were identified.
-    *absorbed*: effects were not identified because the uncertain device numbers, within their uncertainty, reproduce
-    them, or wrong numbers were not because their size is that small. *wrong*: any other identified effect.
+    several sets. *twin*: an exact twin was identified instead. *part*: only some of several effects were identified.
+    *absorbed*: nothing, or only some of them, was identified, and the uncertain numbers imitate what is hidden
+    (:func:`is_absorbed`). *wrong*: any other identified effect, whatever its size.
 
     Where the truth lists what is ``present`` beside the hidden effects, these names count neither for nor against a
     verdict; without a hidden effect one of its sets has to consist of them alone, or nothing is identified.
@@ -103,9 +112,6 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     hidden, kind = list_hidden_effects(truth), verdict["verdict"]
     effect_sets = _list_sets_beside_present(truth, verdict)
     identified = effect_sets[0]
-    nothing_left = kind == "nothing-missing" and (
-        _has_only_faint_numbers(truth) or residual_over_noise(verdict) < MAX_ABSORBED_RESIDUAL
-    )
     if truth.get("defect"):
         return "false-alarm" if identified else "right"
     if not hidden and truth.get("law_error"):
@@ -115,22 +121,22 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     if not hidden:
         return "right" if kind == "nothing-missing" else ("false-alarm" if identified else "flagged")
     if is_out_of_catalogue(truth):
-        silent_outcome = "absorbed" if nothing_left else "missed"
+        silent_outcome = "absorbed" if is_absorbed(truth) else "missed"
         if identified and not _lists_unknown_effect(verdict):
             return "wrong"
         return silent_outcome if kind == "nothing-missing" else "flagged"
     if kind == "nothing-missing" and _is_corrected_by_registration(truth, verdict):
         return "right"
     if hidden in effect_sets:
-        max_sets = 1 + sum(len(near_twins(name, verdict)) for name in hidden)
+        max_sets = 1 + sum(len(list_exact_twins(name)) for name in hidden)
         return "right" if len(effect_sets) <= max(2, max_sets) else "loose"
-    if nothing_left:
+    if kind == "nothing-missing" and is_absorbed(truth):
         return "absorbed"
     if not identified:
         return "flagged" if kind in FLAGGED_VERDICTS else "missed"
     if set(identified) < set(hidden):
-        return "absorbed" if _gap_over_noise(verdict, "with_effects") < MAX_ABSORBED_RESIDUAL else "part"
-    return "twin" if _is_near_twin(hidden, identified, verdict) else "wrong"
+        return "absorbed" if is_absorbed(truth) else "part"
+    return "twin" if _is_twin(hidden, identified) else "wrong"
 
 
 def _list_sets_beside_present(truth: Truth, verdict: Verdict) -> list[list[str]]:
@@ -151,15 +157,6 @@ def _join_tendons(effect_set: Sequence[str], hidden: Sequence[str]) -> list[str]
         if both <= names:
             names = names - both | {name}
     return sorted(names)
-
-
-def _has_only_faint_numbers(truth: Truth) -> bool:
-    """Return whether only wrong numbers are hidden, and leave almost nothing after the refit.
-
-    Logged inputs have errors, so that even the true device leaves more than that on test trials.
-    """
-    numbers = [format_effect(number) for number in truth.get("numbers", ())]
-    return bool(numbers) and numbers == list_hidden_effects(truth) and truth["size"] < MAX_ABSORBED_RESIDUAL
 
 
 def _is_corrected_by_registration(truth: Truth, verdict: Verdict) -> bool:
@@ -187,11 +184,11 @@ def score_follow_up(truth: Truth, second_verdict: Verdict) -> str:
     return "open" if outcome == "right" and second_verdict["verdict"] == "indistinguishable" else outcome
 
 
-def _is_near_twin(true: Sequence[str], reported: Sequence[str], verdict: Verdict) -> bool:
-    """Return whether ``reported`` equals ``true`` or a part of it, with near twins in places."""
+def _is_twin(true: Sequence[str], reported: Sequence[str]) -> bool:
+    """Return whether ``reported`` equals ``true`` or a part of it, with exact twins in places."""
     remaining = [name for name in true if name not in reported]
     for name in (name for name in reported if name not in true):
-        twin = next((candidate for candidate in remaining if name in near_twins(candidate, verdict)), None)
+        twin = next((candidate for candidate in remaining if name in list_exact_twins(candidate)), None)
         if twin is None:
             return False
         remaining.remove(twin)

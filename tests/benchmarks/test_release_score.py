@@ -37,6 +37,23 @@ def test_only_unexplained_is_the_best_answer_where_the_effect_has_no_name() -> N
     assert rows["the best answer, all datasets"] == rows["outside the catalogue: unexplained, or absorbed"] == 1
 
 
+def test_sets_that_cannot_contain_the_truth_do_not_count() -> None:
+    """Where what is hidden has no allowed name, no set of names is the truth."""
+    several = {"verdict": "indistinguishable", "effects": [{"name": "hose"}], "alternatives": [["unknown_force"]]}
+    n_by_row = {row.name: row.of for row in compute_rows([score_answer("d0000", UNKNOWN_EFFECT, several)])}
+    assert n_by_row["the truth is in a set of several"] == 0
+
+
+def test_unknown_effect_that_numbers_imitate_needs_no_name() -> None:
+    truth = {**UNKNOWN_EFFECT, "block": "faint_outside", "size": 0.001}
+    name = "outside the catalogue, faint: a wrong name alone"
+    silent = score_answer("d0000", truth, {"verdict": "nothing-missing", "effects": [], "alternatives": []})
+    rows = {row.name: (row.count, row.of) for row in compute_rows([silent])}
+    assert silent.outcome == "absorbed"
+    assert rows["the best answer, all datasets"] == (1, 1)
+    assert rows[name] == (0, 0)
+
+
 def test_second_wrong_name_is_no_excuse_for_the_first() -> None:
     both = {"verdict": "indistinguishable", "effects": [{"name": "hose"}], "alternatives": [["leak"]]}
     truth = {**UNKNOWN_EFFECT, "block": "faint_outside"}
@@ -54,7 +71,6 @@ def test_second_wrong_name_is_no_excuse_for_the_first() -> None:
 )
 def test_wrong_number_that_equals_the_effect_is_a_twin(hidden: str, number: str, outcome: str) -> None:
     truth = {**ONE_EFFECT, "effects": [{"name": hidden}]}
-    truth["near_twins"] = release.list_exact_twins(truth)
     wrong = {"name": "number_error", "number": number}
     answer: dict[str, Any] = {"verdict": "identified", "effects": [wrong], "alternatives": []}
     assert score_answer("d0000", truth, answer).outcome == outcome
@@ -62,7 +78,6 @@ def test_wrong_number_that_equals_the_effect_is_a_twin(hidden: str, number: str,
 
 def test_all_numbers_that_equal_the_effect_may_be_listed() -> None:
     truth = {**ONE_EFFECT, "effects": [{"name": "discharge_loss"}]}
-    truth["near_twins"] = release.list_exact_twins(truth)
     numbers = [[f"number_error@{number}"] for number in TWIN_NUMBERS["discharge_loss"]]
     answer = {"verdict": "indistinguishable", "effects": truth["effects"], "alternatives": numbers}
     assert score_answer("d0000", truth, answer).outcome == "right"
@@ -79,7 +94,6 @@ def test_all_numbers_that_equal_the_effect_may_be_listed() -> None:
 )
 def test_twin_contains_the_effect_but_not_the_other_way_round(hidden: str, named: str, outcome: str) -> None:
     truth = {**ONE_EFFECT, "effects": [{"name": hidden}]}
-    truth["near_twins"] = release.list_exact_twins(truth)
     answer: dict[str, Any] = {"verdict": "identified", "effects": [{"name": named}], "alternatives": []}
     assert score_answer("d0000", truth, answer).outcome == outcome
 

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 from benchmarks.hidden_effects.plan import BLOCK_SIZES, TARGET_SIZES
-from benchmarks.hidden_effects.run import main, plan_run, share_refit
-from benchmarks.hidden_effects.score import score_verdict
+from benchmarks.hidden_effects.run import main, plan_run
 
 BLOCKS = ("clean", "single", "pair", "defective")
 
@@ -48,15 +47,3 @@ def test_folder_without_results_is_refused_with_one_sentence(
     with pytest.raises(SystemExit):
         main()
     assert "has no result of seed 77" in capsys.readouterr().err
-
-
-def test_another_method_has_the_shared_refit_and_its_own_remainder() -> None:
-    """A method that leaves a misfit is not excused because klute-sim leaves none."""
-    own = {"gap": {"force": {"refitted": 5.0, "with_effects": 1.0, "noise_floor": 1.0}}}
-    other = {"verdict": "identified", "gap": {"force": {"refitted": 6.0, "with_effects": 3.0, "noise_floor": 1.0}}}
-    assert share_refit(own, other)["gap"] == {"force": {"refitted": 5.0, "with_effects": 3.0, "noise_floor": 1.0}}
-    assert share_refit(own, {"verdict": "insufficient-data"})["gap"]["force"]["with_effects"] == 5.0
-    both = [{"name": "leak"}, {"name": "end_taper"}]
-    truth = {"effects": both, "instruments": [], "strangers": [], "size": 5.0}
-    answer = {**other, "effects": both[:1], "alternatives": []}
-    assert score_verdict(truth, share_refit(own, answer)) == "part"

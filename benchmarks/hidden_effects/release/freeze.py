@@ -24,7 +24,6 @@ from typing import Any
 
 import pyarrow.csv
 import pyarrow.parquet
-from benchmarks.hidden_effects.catalogue import EXACT_TWINS, TWIN_NUMBERS
 from benchmarks.hidden_effects.generate import make_dataset
 from benchmarks.hidden_effects.plan import (
     ADVERSARY_BLOCK,
@@ -37,7 +36,7 @@ from benchmarks.hidden_effects.plan import (
 from benchmarks.hidden_effects.release.answers import WITHHELD_FILE
 from benchmarks.hidden_effects.release.scorer import NAMES_FILE, OPEN_FILE, SEALED_FILE, seal
 from benchmarks.hidden_effects.run import list_excluded
-from benchmarks.hidden_effects.score import NUMBER_NAME, list_hidden_effects
+from benchmarks.hidden_effects.score import NUMBER_NAME
 from rich.progress import track
 
 import klute_sim
@@ -100,7 +99,7 @@ def _write_release(
             arguments = {key: value for key, value in spec.items() if key != "name"}
             truth = make_dataset(Path(scratch) / name, **arguments, truth=Path(scratch) / "truth.json")
             write_parquet_dataset(Path(scratch) / name, folder / "datasets" / name)
-        truths[name] = {**truth, "near_twins": list_exact_twins(truth)}
+        truths[name] = truth
     (folder / SEALED_FILE).write_text(seal(truths), "ascii")
     if has_open_truths:
         (folder / OPEN_FILE).write_text(json.dumps(truths, indent=1) + "\n", "utf-8")
@@ -123,19 +122,6 @@ def _write_release(
         card = card.replace(f"{{{field}}}", text)
     (folder / "DATA_CARD.md").write_text(card, "utf-8")
     return truths
-
-
-def list_exact_twins(truth: Mapping[str, Any]) -> list[list[str]]:
-    """Return the pairs of each hidden effect of ``truth`` and its exact twin; one for each number that equals it.
-
-    A twin has a form that contains the effect; the effect need not contain a form of its twin.
-    """
-    return [
-        [name, f"{twin}@{number}" if number else twin]
-        for name in list_hidden_effects(truth)
-        for twin in EXACT_TWINS.get(name, ())
-        for number in (TWIN_NUMBERS[name] if twin == NUMBER_NAME else (None,))
-    ]
 
 
 def withhold_names(specs: Mapping[str, Mapping[str, Any]], seed: int) -> dict[str, list[str]]:

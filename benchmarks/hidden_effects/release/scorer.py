@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 from benchmarks.hidden_effects.release.answers import WITHHELD_FILE, Allowed, AnswerError, read_answer, read_numbers
 from benchmarks.hidden_effects.score import (
     WRONG_OUTCOMES,
+    is_absorbed,
     is_first_right,
     is_out_of_catalogue,
     is_wrong_alone,
@@ -70,11 +71,8 @@ def unseal(text: str) -> dict[str, Any]:
 
 
 def score_answer(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> ScoredAnswer:
-    """Return the scored ``answer``; what a refit leaves, which decides on *absorbed*, is that of the ground truth."""
-    refitted = math.sqrt(1.0 + float(truth.get("size") or 0.0) ** 2)
-    gap = {"worst": {"noise_floor": 1.0, "refitted": refitted, "with_effects": refitted}}
-    complete = {**answer, "gap": gap, "indistinguishable": truth.get("near_twins", [])}
-    return ScoredAnswer(name, truth, complete, score_verdict(truth, complete))
+    """Return the scored ``answer``."""
+    return ScoredAnswer(name, truth, answer, score_verdict(truth, answer))
 
 
 def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
@@ -97,7 +95,9 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
         return a.outcome == "right"
 
     def is_best(a: ScoredAnswer) -> bool:
-        return a.answer["verdict"] == "unexplained" if is_out_of_catalogue(a.truth) else a.outcome == "right"
+        if is_out_of_catalogue(a.truth):
+            return a.answer["verdict"] == "unexplained" or a.outcome == "absorbed"
+        return a.outcome == "right"
 
     def is_wrong(a: ScoredAnswer) -> bool:
         return a.outcome in WRONG_OUTCOMES
@@ -121,9 +121,15 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
         count(
             "outside the catalogue: unexplained, or absorbed",
             ("outside",),
-            lambda a: is_best(a) or a.outcome == "absorbed",
+            is_best,
         ),
-        count("outside the catalogue, faint: a wrong name alone", ("faint_outside",), is_alone, False),
+        count(
+            "outside the catalogue, faint: a wrong name alone",
+            ("faint_outside",),
+            is_alone,
+            False,
+            lambda a: not is_absorbed(a.truth),
+        ),
         count("a form outside the catalogue: a wrong name alone", ("wrong_form",), is_alone, False),
         count(
             "wrong number: in a set, or without influence",
@@ -145,7 +151,11 @@ def compute_rows(answers: Sequence[ScoredAnswer]) -> list[Row]:
             "the truth is in a set of several",
             blocks,
             lambda a: list_hidden_effects(a.truth) in list_effect_sets(a.answer),
-            selects=lambda a: a.answer["verdict"] == "indistinguishable" and bool(list_hidden_effects(a.truth)),
+            selects=lambda a: (
+                a.answer["verdict"] == "indistinguishable"
+                and bool(list_hidden_effects(a.truth))
+                and not is_out_of_catalogue(a.truth)
+            ),
         ),
         count("wrong names, all datasets", blocks, is_wrong, False),
     ]
