@@ -4,9 +4,9 @@
     python -m benchmarks.hidden_effects.calibrate OUT --seeds 2121                       # reliability on another seed
 
 OUT holds results of :mod:`benchmarks.hidden_effects.run`. An event is a name of a verdict, which is true if it is
-hidden, or the statement that nothing is missing, which is true if nothing as large as the noise is hidden: less than
-that makes no difference to data. Coefficients are those of a logistic regression with a normal prior, which few events
-hardly move.
+hidden (an effect of all devices also if it is named on each of them), or the statement that nothing is missing, which
+is true if nothing as large as the noise is hidden: less than that makes no difference to data. Coefficients are those
+of a logistic regression with a normal prior, which few events hardly move.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from benchmarks.hidden_effects.archive import find_verdicts
 from benchmarks.hidden_effects.metrics import MIN_RELEVANT_SIZE
-from benchmarks.hidden_effects.score import format_effect, list_hidden_effects, residual_over_noise
+from benchmarks.hidden_effects.score import format_effect, join_tendons, list_hidden_effects, residual_over_noise
 from scipy.optimize import minimize
 from scipy.stats import binomtest
 
@@ -51,12 +51,14 @@ def collect_events(rows: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]) 
         hidden = [*list_hidden_effects(truth), *truth.get("present", ())]
         features = probability.list_nothing_features(verdict["verdict"], residual_over_noise(verdict))
         events["nothing_missing"].append(Event(features, not _hides_relevant_effect(truth)))
-        for effect in verdict["effects"]:
+        names = list(map(format_effect, verdict["effects"]))
+        false_names = set(join_tendons(names, hidden)) - set(hidden)
+        for name, effect in zip(names, verdict["effects"], strict=True):
             if "evidence" in effect:
                 features = probability.list_name_features(
                     verdict["verdict"], effect["evidence"]["margin"], residual_over_noise(verdict)
                 )
-                events["names"].append(Event(features, format_effect(effect) in hidden))
+                events["names"].append(Event(features, name not in false_names))
     return events
 
 

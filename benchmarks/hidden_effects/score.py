@@ -144,12 +144,12 @@ def _list_sets_beside_present(truth: Truth, verdict: Verdict) -> list[list[str]]
     hidden = list_hidden_effects(truth)
     present = set(truth.get("present", ())) - set(hidden)
     return [
-        [name for name in _join_tendons(effect_set, hidden) if name not in present]
+        [name for name in join_tendons(effect_set, hidden) if name not in present]
         for effect_set in list_effect_sets(verdict)
     ]
 
 
-def _join_tendons(effect_set: Sequence[str], hidden: Sequence[str]) -> list[str]:
+def join_tendons(effect_set: Sequence[str], hidden: Sequence[str]) -> list[str]:
     """Return ``effect_set`` in which an effect of both devices, each with its own size, is a hidden one of all."""
     names = set(effect_set)
     for name in hidden:

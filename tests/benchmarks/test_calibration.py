@@ -41,6 +41,15 @@ def test_names_are_events_that_are_true_if_they_are_hidden() -> None:
     assert [event.is_true for event in events["nothing_missing"]] == [False]
 
 
+@pytest.mark.parametrize(("tendons", "are_true"), [(("flexor", "extensor"), [True, True]), (("flexor",), [False])])
+def test_hidden_effect_of_all_devices_is_named_if_each_has_it(tendons: tuple[str, ...], are_true: list[bool]) -> None:
+    """As in the score of a verdict."""
+    truth = {"effects": [{"name": "braid_hysteresis"}], "size": 2.0}
+    effects = [{"name": "braid_hysteresis", "tendon": tendon, "evidence": {"margin": 0.3}} for tendon in tendons]
+    events = calibrate.collect_events([(truth, {"verdict": "identified", "p_value": 0.0, "effects": effects})])
+    assert [event.is_true for event in events["names"]] == are_true
+
+
 @pytest.mark.parametrize(("size", "is_nothing_missing"), [(0.0, True), (0.7, True), (1.0, False)])
 def test_what_is_smaller_than_the_noise_does_not_count_as_missing(size: float, is_nothing_missing: bool) -> None:
     truth = {"effects": [{"name": "seal_friction"}], "size": size}
