@@ -4,7 +4,8 @@
     python -m benchmarks.hidden_effects.run OUT --block single --count 31        # a part
 
 Missing datasets are generated, every result is saved immediately, and results of the current code are reused, so the
-run can be interrupted and restarted. Blocks advance together, each in a random order, so an interrupted run is a sample
+run can be interrupted and restarted. A program that ends without a verdict has the outcome ``failed``, which is not
+saved: the next run tries again. Blocks advance together, each in a random order, so an interrupted run is a sample
 of all of them, which ``--finished`` scores. ``--shard 2/4`` processes the second quarter of every block, for several
 machines that share OUT. Thresholds are set on the development split; the test split is for published numbers. The
 ground truth is read only after the verdict is saved. The direct measurements that an `indistinguishable` verdict lists
@@ -46,7 +47,7 @@ from benchmarks.hidden_effects.plan import (
     sample_datasets,
 )
 from benchmarks.hidden_effects.report import print_report
-from benchmarks.hidden_effects.score import score_follow_up, score_verdict
+from benchmarks.hidden_effects.score import FAILED_VERDICT, score_follow_up, score_verdict
 from rich.console import Console
 from rich.progress import track
 
@@ -98,25 +99,24 @@ def run_diagnosis(dataset: Path, exclude: tuple[str, ...], n_jobs: int) -> Verdi
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "klute_sim", "diagnose", str(dataset), "--json", "--no-report"]
         command += ["--jobs", str(n_jobs), "--out", str(Path(folder) / "found")]
-        return _run_for_verdict(command, dataset, exclude)
+        return _run_for_verdict(command, exclude)
 
 
 def run_baseline(method: str, dataset: Path, exclude: tuple[str, ...]) -> Verdict:
     """Run the baseline method ``method`` on ``dataset``, in a process of its own to measure its processor time."""
     return _run_for_verdict(
-        [sys.executable, "-m", "benchmarks.hidden_effects.baselines", method, str(dataset)], dataset, exclude
+        [sys.executable, "-m", "benchmarks.hidden_effects.baselines", method, str(dataset)], exclude
     )
 
 
-def _run_for_verdict(command: Sequence[str], dataset: Path, exclude: tuple[str, ...]) -> Verdict:
+def _run_for_verdict(command: Sequence[str], exclude: tuple[str, ...]) -> Verdict:
+    """Return the verdict that ``command`` prints; one that says so where it crashes."""
     options = [option for name in exclude for option in ("--exclude", name)]
     completed, seconds, processor_seconds = run_measured([*command, *options])
     times = {"s": seconds, "cpu_s": processor_seconds}
-    if completed.returncode == 2:  # unreadable data is refused with one sentence
+    if completed.returncode != 0:  # 2: unreadable data is refused with one sentence
         answer = {"reasons": [completed.stderr], "effects": [], "alternatives": []}
-        return {"verdict": "insufficient-data", **answer, **times}
-    if completed.returncode != 0:
-        raise RuntimeError(f"{dataset}: {completed.stderr}")
+        return {"verdict": "insufficient-data" if completed.returncode == 2 else FAILED_VERDICT, **answer, **times}
     verdict: Verdict = json.loads(completed.stdout)
     return verdict | times
 
@@ -139,10 +139,13 @@ def run_measured(command: Sequence[str]) -> tuple[subprocess.CompletedProcess[st
 
 
 def load_or_compute(path: Path, compute: Callable[[], Verdict]) -> Verdict:
-    """Return the content of ``path``; if it is missing, store the result of ``compute`` first."""
+    """Return the content of ``path``; if it is missing, store the result of ``compute`` first, unless it failed."""
     if not path.exists():
+        computed = compute()
+        if computed["verdict"] == FAILED_VERDICT:
+            return computed
         temporary = path.with_suffix(".unfinished")
-        temporary.write_text(json.dumps(compute(), indent=1), "utf-8")
+        temporary.write_text(json.dumps(computed, indent=1), "utf-8")
         temporary.rename(path)
     stored: Verdict = json.loads(path.read_text("utf-8"))
     return stored

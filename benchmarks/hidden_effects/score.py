@@ -10,6 +10,8 @@ Truth = Mapping[str, Any]
 Verdict = Mapping[str, Any]
 
 FLAGGED_VERDICTS = {"unexplained", "insufficient-data"}
+FAILED_VERDICT = "failed"
+"""In place of the verdict of a program that ended without one."""
 NAMING_VERDICTS = {"identified", "identified-in-part", "indistinguishable"}
 MAX_ABSORBED_SIZE = 0.6
 """Size over the noise below which the uncertain numbers imitate what is hidden, so that nothing is left to identify."""
@@ -95,7 +97,8 @@ def list_exact_twins(name: str) -> set[str]:
 def score_verdict(truth: Truth, verdict: Verdict) -> str:
     """Return the outcome as one word.
 
-    ``right``, ``twin``, ``loose``, ``part``, ``absorbed``, ``missed``, ``flagged``, ``wrong`` or ``false-alarm``.
+    ``right``, ``twin``, ``loose``, ``part``, ``absorbed``, ``missed``, ``flagged``, ``wrong``, ``false-alarm`` or
+    ``failed`` (the program ended without a verdict).
 
     *right*: exactly the hidden effects were identified, or an `indistinguishable` verdict lists them among at most two
     sets, or among one more than there are exact twins (*loose*: among more); for clean data, nothing is missing; for
@@ -112,6 +115,8 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     hidden, kind = list_hidden_effects(truth), verdict["verdict"]
     effect_sets = _list_sets_beside_present(truth, verdict)
     identified = effect_sets[0]
+    if kind == FAILED_VERDICT:
+        return "failed"
     if truth.get("defect"):
         return "false-alarm" if identified else "right"
     if not hidden and truth.get("law_error"):

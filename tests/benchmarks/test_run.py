@@ -1,11 +1,16 @@
 """Test the order in which a run of the benchmark works."""
 
+import json
+import subprocess
 from collections import Counter
 from pathlib import Path
 
 import pytest
+from benchmarks.hidden_effects import run
+from benchmarks.hidden_effects.metrics import compute_metrics
+from benchmarks.hidden_effects.page import render_page
 from benchmarks.hidden_effects.plan import BLOCK_SIZES, TARGET_SIZES
-from benchmarks.hidden_effects.run import main, plan_run
+from benchmarks.hidden_effects.run import BenchmarkRun, main, plan_run
 
 BLOCKS = ("clean", "single", "pair", "defective")
 
@@ -47,3 +52,19 @@ def test_folder_without_results_is_refused_with_one_sentence(
     with pytest.raises(SystemExit):
         main()
     assert "has no result of seed 77" in capsys.readouterr().err
+
+
+def test_crash_of_the_program_is_an_outcome_and_ends_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next run tries the dataset again, so nothing is stored."""
+    crash = subprocess.CompletedProcess([], -11, "", "Segmentation fault")
+    monkeypatch.setattr(run, "run_measured", lambda command: (crash, 2.0, 1.5))
+    truth = {"block": "clean", "effects": [], "instruments": [], "strangers": [], "size": 0.0}
+    spec = plan_run(("clean",), 1, seed=1)[0]
+    (tmp_path / f"{spec['name']}.truth.json").write_text(json.dumps(truth))
+    row, others = BenchmarkRun(tmp_path, 1, {}).process_dataset(spec)
+    assert (row.outcome, others) == ("failed", {})
+    assert list((tmp_path / "results").iterdir()) == []
+    alarms = next(one for one in compute_metrics([row]) if one.name == "false alarms on clean data")
+    assert (alarms.value, alarms.n) == (0.0, 1)
+    assert "| failed | Segmentation fault |" in render_page([row], {}, {})
+    assert run.score_verdict({**truth, "defect": "dead_channel"}, row.verdict) == "failed"
