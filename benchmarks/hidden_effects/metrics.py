@@ -345,7 +345,10 @@ def _is_resolved(row: DatasetResult) -> bool:
 
 
 def _select_decisive(rows: Iterable[DatasetResult]) -> list[DatasetResult]:
-    """Return the results whose proposed experiment was predicted to be decisive."""
+    """Return the results whose proposal was to be decisive and was made: a direct measurement, or an experiment.
+
+    Verdicts that propose neither say that nothing decides, and are not in the row *resolved*.
+    """
     return [
         r
         for r in rows
