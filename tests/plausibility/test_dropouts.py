@@ -70,3 +70,12 @@ def test_dropouts_of_a_channel_without_noise_are_found() -> None:
     value[200:240] = 0.0
     (finding,) = check_dropouts(make_trial("pressure", value, expected))
     assert "pressure jumps from 180000 Pa to exactly 0 Pa" in finding.statement
+
+
+@pytest.mark.parametrize("delay", [-0.1, 0.0, 0.1])
+def test_plateau_of_a_clipped_sensor_is_no_dropout(delay: float) -> None:
+    """The muscle answers somewhat earlier or later than the simulation."""
+    expected = np.where((TIME > 2.0) & (TIME < 2.5), 4e5, 0.0)
+    answer = np.interp(TIME - delay, TIME, expected)
+    value = np.minimum(answer + np.random.default_rng(0).normal(0.0, 200.0, len(TIME)), 3e5)
+    assert check_dropouts(make_trial("pressure", value, expected)) == []

@@ -1,11 +1,12 @@
 """Lost samples: a measured channel jumps to one value, stays there exactly, and jumps back."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from klute_sim.plausibility.bench.agreement import compute_span, simulate_trial
-from klute_sim.plausibility.bench.trial import MEASURED, Channel, RecordedTrial
+from klute_sim.plausibility.bench.trial import MEASURED, PRESCRIBED, Channel, RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.units import format_value
 from klute_sim.types import Array
@@ -22,6 +23,8 @@ MAX_USUAL_CHANGE = 0.04
 above it is that of jumps between levels without noise."""
 MAX_CHANGE = 0.5
 """Largest change over the run relative to its smaller jump; a step of the pressure stays where it jumps to."""
+MAX_LAG = 0.2
+"""Longest time [s] by which a device may answer later or earlier than its simulation (assumed: hoses, regulators)."""
 
 
 def check_dropouts(trial: RecordedTrial) -> list[Finding]:
@@ -65,13 +68,32 @@ def _find_dropout(channel: Channel, device_span: float) -> tuple[int, int] | Non
 
 
 def _contradicts_simulation(trial: RecordedTrial, name: str, run: tuple[int, int]) -> bool:
-    """Return whether the simulated channel stays away from the value of the ``run``."""
-    response, channel = simulate_trial(trial), trial.channels[name]
+    """Return whether the simulated channel jumps to the value of the ``run`` at no time near it."""
+    channel = trial.channels[name]
+    time, values = channel.time[np.isfinite(channel.samples.value)], channel.samples.finite
+    start, stop = float(time[run[0] - 1]), float(time[run[1] - 1])
+    response = simulate_trial(trial)
+    if response is not None and not response.time[0] <= stop <= response.time[-1]:  # a long trial is simulated in part
+        response = simulate_trial(_cut_inputs(trial, start - MAX_LAG, stop + MAX_LAG))
     if response is None:
         return False
     simulated = {"force": response.force, "pressure": response.pressure, "muscle_length": response.muscle_length}[name]
-    time = channel.time[np.isfinite(channel.samples.value)][run[0] - 1 : run[1]]
-    expected, values = np.interp(time, response.time, simulated), channel.samples.finite
     jump = float(values[run[0]] - values[run[0] - 1])
-    change = float(np.median(expected[1:])) - float(expected[0])
-    return change / jump < MAX_CHANGE
+    level = np.sign(jump) * simulated
+    before = level[(response.time >= start - MAX_LAG) & (response.time <= max(start, response.time[0]))]
+    after = level[(response.time > start) & (response.time <= stop + MAX_LAG)]
+    if before.size == 0 or after.size == 0:
+        return False
+    return float(after.max() - before.min()) < MAX_CHANGE * abs(jump)
+
+
+def _cut_inputs(trial: RecordedTrial, start: float, stop: float) -> RecordedTrial:
+    """Return ``trial`` with its length and its command at the times from ``start`` to ``stop`` [s] only."""
+    channels = dict(trial.channels)
+    for name in PRESCRIBED:
+        time, samples = channels[name]
+        is_finite = np.isfinite(samples.value)
+        inside = np.unique(np.concatenate([[start, stop], time[(time > start) & (time < stop)]]))
+        value = np.interp(inside, time[is_finite], samples.value[is_finite])
+        channels[name] = Channel(inside, samples._replace(value=value))
+    return replace(trial, channels=channels)
