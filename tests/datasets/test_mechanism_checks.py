@@ -63,6 +63,11 @@ def test_right_trials_are_accepted(tmp_path: Path) -> None:
             "angle_joint-missing",
             "angle_joint is -999 deg in 11 samples",
         ),
+        (
+            {"angle_joint [deg]": np.where(np.arange(201) == 90, 0.0, ANGLE)},
+            "angle_joint-spike",
+            "angle_joint is 0 deg at 0.9 s, but 34.5 and 34 deg before and after it",
+        ),
     ],
 )
 def test_mistake_of_one_trial_is_named(

@@ -64,6 +64,18 @@ def test_mistake_is_named(edit: Edit, name: str, advice: str, tmp_path: Path) ->
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(("channel", "value"), [("shank_angle", 0.0), ("ankle_angle", 60.0), ("ankle_z", 0.0)])
+def test_wrong_sample_of_the_motion_is_named(channel: str, value: float, tmp_path: Path) -> None:
+    columns = make_walk()
+    heading = next(heading for heading in columns if heading.startswith(channel))
+    values = columns[heading].copy()
+    row = int(np.abs(values[100:-100] - value).argmax()) + 100
+    values[row] = value
+    with pytest.raises(ImplausibleInputError, match=f"{channel} is {value:g} .*nothing moves as fast") as error:
+        load(tmp_path, {**columns, heading: values})
+    assert [finding.name for finding in error.value.findings] == [f"{channel}-spike"]
+
+
 @pytest.mark.parametrize(("share", "newtons", "units"), [(0.9, 9.807, "kgf or lbf"), (0.6, 4.448, "lbf or kgf")])
 def test_units_of_force_that_fit_are_both_named(share: float, newtons: float, units: str, tmp_path: Path) -> None:
     with pytest.raises(ImplausibleInputError, match=rf"is its unit {units}\? Correct the heading"):

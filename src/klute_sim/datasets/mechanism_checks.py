@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import mujoco
+import numpy as np
 
 from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import TIME_COLUMN, MechanismChannels
@@ -18,7 +19,11 @@ from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers
-from klute_sim.plausibility.bench.magnitudes import check_device_channels, check_missing_value_codes
+from klute_sim.plausibility.bench.magnitudes import (
+    check_device_channels,
+    check_missing_value_codes,
+    check_spikes,
+)
 from klute_sim.plausibility.bench.trial import SI_UNITS, Channel, RecordedTrial
 from klute_sim.plausibility.finding import Finding, TrialFindings, are_accepted
 from klute_sim.plausibility.gravity import check_gravity
@@ -27,6 +32,7 @@ from klute_sim.plausibility.mechanism import check_stuck_joint, check_tendon_pre
 from klute_sim.plausibility.model_numbers import ModelSize, check_model_sizes, check_reach
 from klute_sim.plausibility.samples import Samples
 from klute_sim.plausibility.slide_position import check_slide_position
+from klute_sim.plausibility.spikes import POSITION_UNITS, check_position
 from klute_sim.plausibility.stop_unit import check_stop_unit
 from klute_sim.plausibility.wrapping import Wrap, check_wrap
 
@@ -58,7 +64,8 @@ def find_implausible(
         for tendon, channels in _list_device_channels(trial, samples).items():
             described = _describe(trial.name, trial.devices[tendon], channels, trial_units)
             codes, device_trial = check_missing_value_codes(described)
-            findings += [*codes, *check_device_channels(device_trial)]
+            spikes, device_trial = check_spikes(device_trial)
+            findings += [*codes, *spikes, *check_device_channels(device_trial)]
             if trial.devices[tendon].parameters.supply.command_is_opening == 0.0:
                 devices[tendon] = device_trial
                 by_tendon[tendon].append(device_trial)
@@ -66,6 +73,11 @@ def find_implausible(
         codes, others = check_missing_value_codes(_describe(trial.name, first_device, other_channels, trial_units))
         findings += codes
         for name, channel in others.channels.items():
+            si_unit = parse_channel(name).si_unit
+            if si_unit in POSITION_UNITS:
+                spikes, is_wrong = check_position(channel.samples, channel.time, si_unit, others.place)
+                findings += spikes
+                channel = channel.with_value(np.where(is_wrong, np.nan, channel.samples.value))
             if name.startswith(("angle_", "position_")):
                 driving = [each for tendon, each in devices.items() if tendon in moved_tendons.get(name, ())]
                 findings += _check_position(trial, channel.samples, stops.get(name), driving)

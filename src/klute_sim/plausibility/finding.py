@@ -7,7 +7,7 @@ from klute_sim.errors import InputError, suggest
 
 KINDS = frozenset(
     {"absolute", "axis", "constant", "delay", "exchanged", "gap", "geometry", "length", "missing", "origin", "reversed"}
-    | {"scale", "sign", "start", "unit", "wrapped", "zero"}
+    | {"scale", "sign", "spike", "start", "unit", "wrapped", "zero"}
 )
 """Last words of the names of findings in trials; the words before them are channels or :data:`SUBJECTS`."""
 SUBJECTS = frozenset({"forward", "log", "marker", "mass", "plate", "side", "stature", "stride", "time"})

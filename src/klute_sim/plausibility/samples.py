@@ -24,6 +24,9 @@ MISSING_VALUE_CODES = (
     9999.9,
     99999.9,
     -32768.0,
+    -32767.0,
+    32767.0,
+    65535.0,
 )
 """Numbers that programs write where a sample is missing."""
 HUGE_VALUE = 1e15

@@ -16,6 +16,7 @@ from klute_sim.plausibility.bench.magnitudes import (
     check_all_commands,
     check_magnitudes,
     check_missing_value_codes,
+    check_spikes,
 )
 from klute_sim.plausibility.bench.mistakes import Mistake, list_mistakes, list_time_units
 from klute_sim.plausibility.bench.others import TIE, confirm_calibration, confirm_mistake
@@ -30,7 +31,8 @@ def check_bench_trials(trials: Sequence[RecordedTrial], accepted: Collection[str
     assessments = []
     for recorded in trials:
         codes, trial = check_missing_value_codes(recorded)
-        findings += codes
+        spikes, trial = check_spikes(trial)
+        findings += [*codes, *spikes]
         if any(channel.samples.finite.size < 5 for channel in trial.channels.values()):
             continue
         gaps = time_axis.check_gaps(trial)

@@ -1,4 +1,4 @@
-"""Lost samples: a measured channel jumps to one value, stays there exactly, and jumps back."""
+"""Lost and wrong samples: a measured channel jumps to one value, stays there exactly, and jumps back; or a spike."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -8,6 +8,7 @@ import numpy as np
 from klute_sim.plausibility.bench.agreement import compute_span, simulate_trial
 from klute_sim.plausibility.bench.trial import MEASURED, PRESCRIBED, Channel, RecordedTrial
 from klute_sim.plausibility.finding import Finding
+from klute_sim.plausibility.spikes import describe_spikes, find_spikes, mark_runs
 from klute_sim.plausibility.units import format_value
 from klute_sim.types import Array
 
@@ -28,14 +29,20 @@ MAX_LAG = 0.2
 
 
 def check_dropouts(trial: RecordedTrial) -> list[Finding]:
-    """Return a finding for each measured channel with lost samples, which a simulation of the device does not have."""
+    """Return a finding for each measured channel with lost or wrong samples, which a simulation does not have."""
     findings = []
-    for name in MEASURED:
-        channel = trial.channels.get(name)
-        run = None if channel is None else _find_dropout(channel, trial.limits.get_span(name))
-        if channel is None or run is None or not _contradicts_simulation(trial, name, run):
-            continue
+    for name in (name for name in MEASURED if name in trial.channels):
+        channel = trial.channels[name]
         samples = channel.samples
+        spikes = _find_spikes(trial, name)
+        if spikes:
+            is_wrong = mark_runs(samples.value, spikes)
+            cause = "a simulation of this device does not jump there"
+            findings.append(describe_spikes(samples, channel.time, is_wrong, trial.place, cause))
+            continue
+        run = _find_dropout(channel, trial.limits.get_span(name))
+        if run is None or not _contradicts_simulation(trial, name, run):
+            continue
         texts = [format_value(float(value), samples.unit, samples.factor) for value in samples.finite[run[0] - 1 :][:2]]
         statement = (
             f"{name} jumps from {texts[0]} to exactly {texts[1]}, stays there for {run[1] - run[0]} samples and "
@@ -65,6 +72,16 @@ def _find_dropout(channel: Channel, device_span: float) -> tuple[int, int] | Non
             if jump > min_jump and abs(after - before) < MAX_CHANGE * jump:
                 return int(start), int(stop)
     return None
+
+
+def _find_spikes(trial: RecordedTrial, name: str) -> list[tuple[int, int]]:
+    """Return first index and index + 1 of each spike among the finite samples that a simulation does not have."""
+    channel, span = trial.channels[name], trial.limits.get_span(name)
+    if not np.isfinite(span):
+        return []
+    time = channel.time[np.isfinite(channel.samples.value)]
+    spikes = find_spikes(time, channel.samples.finite, MIN_JUMP * span)
+    return [run for run in spikes if _contradicts_simulation(trial, name, run)]
 
 
 def _contradicts_simulation(trial: RecordedTrial, name: str, run: tuple[int, int]) -> bool:

@@ -7,8 +7,9 @@ import numpy as np
 from klute_sim.plausibility.bench.trial import SI_UNITS, RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.samples import find_missing_value_code
+from klute_sim.plausibility.spikes import check_position, describe_spikes
 from klute_sim.plausibility.units import UNITS, Range, guess_units
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 
 MAX_RATIO = 3.0
 """Largest ratio of a length to the device's resting length, of that length to it, or of a pressure to the supply
@@ -54,6 +55,34 @@ def check_missing_value_codes(trial: RecordedTrial) -> tuple[list[Finding], Reco
         )
         findings.append(Finding(f"{others.channel}-missing", trial.place, statement))
     return findings, trial.with_values(**values)
+
+
+def check_spikes(trial: RecordedTrial) -> tuple[list[Finding], RecordedTrial]:
+    """Return a finding for each length or command with single wrong samples, and the trial without these samples."""
+    findings: list[Finding] = []
+    values: dict[str, Array] = {}
+    for name, channel in trial.channels.items():
+        if name == "pressure_command":
+            found, is_wrong = _find_impossible_commands(trial)
+        elif name in ("length", "muscle_length"):
+            possible = trial.limits.possible_length if name == "length" else None
+            found, is_wrong = check_position(channel.samples, channel.time, "m", trial.place, possible)
+        else:
+            continue
+        findings += found
+        values[name] = np.where(is_wrong, np.nan, channel.samples.value)
+    return findings, trial.with_values(**values)
+
+
+def _find_impossible_commands(trial: RecordedTrial) -> tuple[list[Finding], Mask]:
+    """Return a finding for few commands far beyond the supply or below the vacuum, and which samples these are."""
+    time, samples = trial.channels["pressure_command"]
+    is_wrong = (samples.value > MAX_RATIO * trial.limits.supply_pressure) | (samples.value < -VACUUM)
+    if not 0.0 < np.mean(is_wrong) < 0.01 * MAX_SPIKE_PERCENT:
+        return [], np.zeros_like(is_wrong)
+    supply_pressure = trial.format_limit("pressure_command", trial.limits.supply_pressure)
+    cause = f"the supply pressure of this device is {supply_pressure}"
+    return [describe_spikes(samples, time, is_wrong, trial.place, cause)], is_wrong
 
 
 def check_magnitudes(trial: RecordedTrial) -> list[Finding]:

@@ -46,6 +46,11 @@ class DeviceLimits(NamedTuple):
         return math.sqrt(3.0) * self.lock_length
 
     @property
+    def possible_length(self) -> Range:
+        """Range beyond which no length of the unit is (assumed)."""
+        return Range(0.5 * (self.tendon_length + self.lock_length), 1.5 * self.unit_length, self.unit_length)
+
+    @property
     def pulls(self) -> bool:
         """Whether the muscle pulls with a noticeable force."""
         return self.max_force > MIN_FORCE

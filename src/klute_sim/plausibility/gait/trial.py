@@ -17,6 +17,7 @@ from klute_sim.plausibility.samples import (
     find_missing_value_code,
     find_zero_blocks,
 )
+from klute_sim.plausibility.spikes import check_position
 from klute_sim.plausibility.units import UNITS, round_digits
 from klute_sim.types import Array, Mask
 
@@ -93,13 +94,28 @@ def _find_missing(trial: GaitChannels) -> tuple[list[Finding], dict[str, ScaledS
         elif name in VARYING_CHANNELS:
             is_missing = _find_zero_samples(values)
             text = f"exactly 0 in {int(is_missing.sum())} samples, far from its other samples"
+            if not is_missing.any():
+                spikes, is_spike = _find_spikes(channel, trial.place)
+                findings += spikes
+                channels[name] = _interpolate(channel, is_spike)
         if is_missing.any() and not is_missing.all():
             statement = f"`{name}` is {text}: it looks like a code for missing samples; leave these cells empty or out"
             findings.append(Finding(f"{name}-missing", trial.place, statement))
-            time = channel.series.time
-            filled = np.interp(time, time[~is_missing], values[~is_missing])
-            channels[name] = channel._replace(series=Series(time, np.where(is_missing, filled, values)))
+            channels[name] = _interpolate(channel, is_missing)
     return findings, channels
+
+
+def _interpolate(channel: ScaledSeries, is_wrong: Mask) -> ScaledSeries:
+    """Return ``channel`` with the samples ``is_wrong`` interpolated."""
+    time, values = channel.series
+    filled = np.interp(time, time[~is_wrong], values[~is_wrong])
+    return channel._replace(series=Series(time, np.where(is_wrong, filled, values)))
+
+
+def _find_spikes(channel: ScaledSeries, place: str) -> tuple[list[Finding], Mask]:
+    """Return a finding for single wrong samples of a position or an angle, and which samples these are."""
+    samples = Samples(channel.channel, channel.series.value, channel.unit, channel.factor)
+    return check_position(samples, channel.series.time, "rad" if channel.channel.endswith("angle") else "m", place)
 
 
 def _find_zero_samples(values: Array) -> Mask:
