@@ -419,3 +419,35 @@ def test_command_writes_the_draft_and_says_what_is_next(tmp_path: Path) -> None:
     again = run("diagnose", str(tmp_path), "--draft", "--device", DEVICE)
     assert again.returncode == 2
     assert "exists already" in again.stderr
+
+
+def test_lengths_in_metres_without_a_unit_are_told_from_mm(tmp_path: Path) -> None:
+    write(tmp_path / "a.csv", ["time", "Length", "cmd [bar]", "F [N]"], [TIME, LENGTH / 1e3, COMMAND, FORCE])
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert 'check length = "Length [m]": the file states no unit; m is assumed' in draft.remarks
+    assert ks.load_dataset(tmp_path).trials[0].prescribed["length"].value == pytest.approx(LENGTH / 1e3)
+
+
+def test_contraction_without_a_unit_is_a_fraction_where_it_cannot_be_mm(tmp_path: Path) -> None:
+    fraction = 0.1 + 0.05 * np.sin(2.0 * TIME) + np.where(TIME < 0.1, 0.1, 0.0)
+    write(tmp_path / "a.csv", ["time", "contraction", "cmd [bar]", "F [N]"], [TIME, fraction, COMMAND, FORCE])
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert 'length = "350 * (1 - contraction) [mm]"' in draft.text
+    assert any("a fraction of the resting length is assumed" in remark for remark in draft.remarks)
+    trial = ks.load_dataset(tmp_path).trials[0]
+    assert trial.prescribed["length"].value == pytest.approx(0.35 * (1.0 - fraction))
+
+
+@pytest.mark.parametrize("heading", ["x", "contraction", "stroke"])
+def test_displacement_of_an_unknown_unit_is_left_to_the_user(tmp_path: Path, heading: str) -> None:
+    write(tmp_path / "a.csv", ["time", heading, "cmd [bar]", "F [N]"], [TIME, 0.02 + 0.01 * TIME, COMMAND, FORCE])
+    draft = ks.draft_dataset(tmp_path, DEVICE)
+    assert not draft.is_complete
+    assert f'# length = "{heading} [UNIT]"   # to do' in draft.text
+    assert any("its numbers are no mm; write [m] if they are metres" in remark for remark in draft.remarks)
+
+
+def test_noise_of_a_displacement_sensor_stays_in_mm(tmp_path: Path) -> None:
+    noise = 1e-3 * np.sin(40.0 * TIME)
+    write(tmp_path / "a.csv", ["time", "stroke", "cmd [bar]", "F [N]"], [TIME, noise, COMMAND, FORCE])
+    assert "350 + stroke [mm]" in ks.draft_dataset(tmp_path, DEVICE).text

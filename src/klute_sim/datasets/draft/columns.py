@@ -10,7 +10,7 @@ import numpy as np
 
 from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import get_column_units
-from klute_sim.datasets.draft.headings import PERCENT, HeadingMeaning, interpret_heading
+from klute_sim.datasets.draft.headings import PERCENT, RATIO, RELATIVE_UNITS, HeadingMeaning, interpret_heading
 from klute_sim.datasets.trial_files.expressions import parse_expression
 from klute_sim.datasets.trial_files.sources import open_source
 from klute_sim.datasets.trial_files.table import read_trial_file
@@ -24,6 +24,8 @@ ATMOSPHERIC_PRESSURE_PA = 101325.0
 _SI_UNITS = get_column_units("bench")
 USUAL_UNITS = {"s": "s", "m": "mm", "N": "N", "Pa": "bar"}
 """SI unit -> unit that is assumed where a heading states none, and its samples do not contradict."""
+UNKNOWN_UNIT = "?"
+"""Unit of a length whose numbers are neither mm nor clearly anything else."""
 _STANDARD_HEADING = re.compile(r"(?P<name>\w+)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]")
 _PLAIN_NAME = re.compile(r"[^\W\d]\w*")
 
@@ -57,15 +59,16 @@ class Displacement:
     heading: str
     """Heading of the column."""
     unit: str
-    """Unit of its numbers, which may be per cent of the resting length."""
+    """Unit of its numbers, which may be relative to the resting length."""
     direction: int
     """1 where the column grows with the length, -1 where it grows as the muscle shortens."""
 
     def format_length(self, resting_length: float) -> str:
         """Return the expression of the length of a unit with this ``resting_length`` [m]."""
         column, sign = format_column(self.heading), "+" if self.direction > 0 else "-"
-        if self.unit == PERCENT:
-            return f"{1e3 * resting_length:.6g} * (1 {sign} {column} / 100) [mm]"
+        if self.unit in RELATIVE_UNITS:
+            fraction = f"{column} / 100" if self.unit == PERCENT else column
+            return f"{1e3 * resting_length:.6g} * (1 {sign} {fraction}) [mm]"
         zero = resting_length / (unit_conversion.get_si_factor(self.unit, "m") or 1.0)
         return f"{zero:.6g} {sign} {column} [{self.unit}]"
 
@@ -106,6 +109,8 @@ def recognize_file(path: Path, assumed_units: Mapping[str, str] = MappingProxyTy
     file = open_source(content, path, None, lambda heading: interpret_heading(heading) is not None, ())
     chosen = _choose_headings(file.headings, is_raw=False)
     raw = {name: each for name, each in _choose_headings(file.headings, is_raw=True).items() if name not in chosen}
+    unknown = {name for name, (heading, _) in chosen.items() if assumed_units.get(heading) == UNKNOWN_UNIT}
+    raw |= {name: chosen.pop(name) for name in unknown}
     choices = {
         channel: _describe_column(heading, meaning, assumed_units.get(heading, ""), has_units=file.has_units)
         for channel, (heading, meaning) in chosen.items()
@@ -122,7 +127,11 @@ def recognize_file(path: Path, assumed_units: Mapping[str, str] = MappingProxyTy
         choices={channel: choice for channel, choice in choices.items() if channel in numbers},
         unused=tuple(heading for heading in file.headings if heading not in used),
         samples={channel: values for channel, values in numbers.items() if channel in choices},
-        raw_choices={channel: _describe_reading(raw[channel][0], channel) for channel in raw if channel in numbers},
+        raw_choices={
+            channel: (_describe_unknown_length if channel in unknown else _describe_reading)(raw[channel][0], channel)
+            for channel in raw
+            if channel in numbers
+        },
         readings={channel: values for channel, values in numbers.items() if channel in raw},
     )
 
@@ -146,6 +155,9 @@ def _describe_column(heading: str, meaning: HeadingMeaning, assumed_unit: str, *
     unit = meaning.unit or assumed_unit or USUAL_UNITS[_SI_UNITS[meaning.channel]]
     if unit == PERCENT:
         return ColumnChoice(heading, f"{format_column(heading)} / 100 [m]", PERCENT)
+    if unit == RATIO:
+        remark = "the file states no unit; a fraction of the resting length is assumed, because its numbers are no mm"
+        return ColumnChoice(heading, f"{format_column(heading)} [m]", RATIO, is_unit_assumed=True, remark=remark)
     remarks = [] if meaning.unit else [f"the file states no unit; {unit} is assumed"]
     term = format_column(heading)
     if meaning.is_absolute:
@@ -159,6 +171,15 @@ def _describe_reading(heading: str, channel: str) -> ColumnChoice:
     unit = USUAL_UNITS[_SI_UNITS[channel]]
     remark = f"this is a raw reading; state its calibration: ZERO is the reading at 0 {unit}, SCALE the {unit} per step"
     return ColumnChoice(heading, f"(`{heading}` - ZERO) * SCALE [{unit}]", unit, remark=remark)
+
+
+def _describe_unknown_length(heading: str, channel: str) -> ColumnChoice:
+    column = format_column(heading)
+    remark = (
+        "the file states no unit, and its numbers are no mm; write [m] if they are metres, or RESTING_LENGTH * (1 - "
+        f"{column}) [mm] if they are a contraction relative to the resting length"
+    )
+    return ColumnChoice(heading, f"{column} [UNIT]", "mm", remark=remark)
 
 
 def format_column(heading: str) -> str:

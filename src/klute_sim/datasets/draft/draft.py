@@ -75,8 +75,8 @@ def write_dataset_draft(
     path = folder / DATASET_FILE_NAME
     if path.exists():
         raise InputError(f"{path} exists already; remove it to write a draft, or leave out --draft")
-    files, remarks = _recognize_files(folder)
     resting = _get_resting_length(device)
+    files, remarks = _recognize_files(folder, resting.unit)
     files = interpret_lengths(files, resting.unit)
     files, noise = _replace_missing_command(files)
     named_lengths = find_resting_lengths(files, resting)
@@ -133,8 +133,11 @@ def _get_resting_length(device: Device) -> RestingLength:
     return RestingLength(1e-3 * muscle, 1e-3 * tendon)
 
 
-def _recognize_files(folder: Path) -> tuple[list[RecognizedFile], list[str]]:
-    """Return the trials in ``folder`` that hold channels of the bench, and a remark for each other file."""
+def _recognize_files(folder: Path, resting_length: float) -> tuple[list[RecognizedFile], list[str]]:
+    """Return the trials in ``folder`` that hold channels of the bench, and a remark for each other file.
+
+    ``resting_length`` [m] is that of the unit.
+    """
     try:
         paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in TRIAL_SUFFIXES and path.is_file())
     except OSError as error:
@@ -149,7 +152,9 @@ def _recognize_files(folder: Path) -> tuple[list[RecognizedFile], list[str]]:
         except InputError as error:
             left_out.append(str(error))
     _check_rig(folder, recognized)
-    units = assume_units([file for file in recognized if len(file.samples) > 1])  # others hold no channel
+    units = assume_units(
+        [file for file in recognized if len(file.samples) > 1], resting_length
+    )  # others hold no channel
     recognized = [recognize_file(file.path, units) for file in recognized] if units else recognized
     for file in join_files(recognized):
         outputs = [file.get_output(channel) for channel in get_measured_units("bench")]

@@ -11,6 +11,10 @@ MAX_HEADING_LENGTH = 60
 """Length [letters] beyond which a text is a sentence and no heading."""
 PERCENT = "%"
 """Unit of an elongation or a contraction that is relative to the resting length."""
+RATIO = "1"
+"""Unit of such a number that is a fraction, not per cent."""
+RELATIVE_UNITS = {PERCENT: 100.0, RATIO: 1.0}
+"""Unit of displacements that are relative to the resting length -> number at the resting length."""
 _SI_UNITS = get_column_units("bench")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(\([ag]\))?[^()]*)\))\s*")
 _SEPARATED = re.compile(r"(?P<name>.*?\S)(?P<separator>\s*/\s*|\s+in\s+|[\s_]+)(?P<unit>[^\W\d_]+|%)", re.IGNORECASE)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from klute_sim.datasets.draft.columns import Displacement, RecognizedFile
-from klute_sim.datasets.draft.headings import PERCENT, HeadingMeaning, interpret_heading
+from klute_sim.datasets.draft.headings import RELATIVE_UNITS, HeadingMeaning, interpret_heading
 from klute_sim.types import Array
 
 MAX_DISPLACEMENT_RATIO = 0.5
@@ -36,7 +36,9 @@ def interpret_lengths(files: Sequence[RecognizedFile], resting_length: float) ->
     for heading, group in members.items():
         meaning = interpret_heading(heading)
         lengths = np.concatenate([file.samples["length"] for file in group])
-        if meaning is not None and (meaning.unit == PERCENT or _is_displacement(lengths, meaning, resting_length)):
+        if meaning is not None and (
+            group[0].choices["length"].unit in RELATIVE_UNITS or _is_displacement(lengths, meaning, resting_length)
+        ):
             directions[heading] = _find_direction(group, meaning)
     return [
         _add_resting_length(file, *directions[file.choices["length"].heading], resting_length)
@@ -61,7 +63,7 @@ def _add_resting_length(file: RecognizedFile, direction: int, reason: str, resti
         expression=displacement.format_length(resting_length),
         remark="; ".join(filter(None, (choice.remark, remark))),
     )
-    scale = resting_length if choice.unit == PERCENT else 1.0
+    scale = resting_length if choice.unit in RELATIVE_UNITS else 1.0
     lengths = resting_length + direction * scale * file.samples["length"]
     return replace(
         file,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from klute_sim.datasets.draft.columns import RecognizedFile
-from klute_sim.datasets.draft.headings import PERCENT
+from klute_sim.datasets.draft.headings import RELATIVE_UNITS
 
 MIN_SHORTENED_RATIO = 0.65
 """Shortest length of a unit, relative to its resting length (assumed): braided muscles shorten by up to a third."""
@@ -142,6 +142,6 @@ def _may_rest_at(file: RecognizedFile, muscle_length: float, resting: RestingLen
     unit_length = muscle_length + resting.tendon
     ratios = file.samples["length"] / unit_length
     if file.displacement:
-        is_relative = file.displacement.unit == PERCENT
+        is_relative = file.displacement.unit in RELATIVE_UNITS
         ratios = 1.0 + (file.samples["length"] - resting.unit) / (resting.unit if is_relative else unit_length)
     return bool(np.nanmin(ratios) >= MIN_SHORTENED_RATIO and np.nanmax(ratios) <= MAX_STRETCHED_RATIO)
