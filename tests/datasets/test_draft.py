@@ -451,3 +451,15 @@ def test_noise_of_a_displacement_sensor_stays_in_mm(tmp_path: Path) -> None:
     noise = 1e-3 * np.sin(40.0 * TIME)
     write(tmp_path / "a.csv", ["time", "stroke", "cmd [bar]", "F [N]"], [TIME, noise, COMMAND, FORCE])
     assert "350 + stroke [mm]" in ks.draft_dataset(tmp_path, DEVICE).text
+
+
+@pytest.mark.parametrize("headings", ["Date,Time,Elapsed (s)", "Date,Timestamp,t", "Date,Time of day,Zeit"])
+def test_time_that_counts_comes_before_dates_and_times_of_day(tmp_path: Path, headings: str) -> None:
+    rows = [
+        f"2024-05-01,10:00:{time:06.3f},{time:.4f},{length:.4f},{command:g},{force:g}"
+        for time, length, command, force in zip(TIME, LENGTH, COMMAND, FORCE, strict=True)
+    ]
+    text = "\n".join([f"{headings},Length (mm),p_set (bar),Force (N)", *rows])
+    (tmp_path / "a.csv").write_text(text, "utf-8")
+    ks.draft_dataset(tmp_path, DEVICE)
+    assert ks.load_dataset(tmp_path).trials[0].measured["force"].time == pytest.approx(TIME, abs=1e-4)

@@ -1,7 +1,7 @@
 """The expressions of ``[columns]`` with which one file becomes a trial of the bench."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -12,8 +12,9 @@ from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import get_column_units
 from klute_sim.datasets.draft.headings import PERCENT, RATIO, RELATIVE_UNITS, HeadingMeaning, interpret_heading
 from klute_sim.datasets.trial_files.expressions import parse_expression
-from klute_sim.datasets.trial_files.sources import open_source
+from klute_sim.datasets.trial_files.sources import ColumnSource, open_source
 from klute_sim.datasets.trial_files.table import read_trial_file
+from klute_sim.errors import InputError
 from klute_sim.files.limits import TRIAL
 from klute_sim.files.reading import read_bytes
 from klute_sim.types import Array
@@ -107,8 +108,8 @@ def recognize_file(path: Path, assumed_units: Mapping[str, str] = MappingProxyTy
     """
     content = read_bytes(path, TRIAL)
     file = open_source(content, path, None, lambda heading: interpret_heading(heading) is not None, ())
-    chosen = _choose_headings(file.headings, is_raw=False)
-    raw = {name: each for name, each in _choose_headings(file.headings, is_raw=True).items() if name not in chosen}
+    chosen = _choose_headings(file, is_raw=False)
+    raw = {name: each for name, each in _choose_headings(file, is_raw=True).items() if name not in chosen}
     unknown = {name for name, (heading, _) in chosen.items() if assumed_units.get(heading) == UNKNOWN_UNIT}
     raw |= {name: chosen.pop(name) for name in unknown}
     choices = {
@@ -136,16 +137,30 @@ def recognize_file(path: Path, assumed_units: Mapping[str, str] = MappingProxyTy
     )
 
 
-def _choose_headings(headings: Sequence[str], *, is_raw: bool) -> dict[str, tuple[str, HeadingMeaning]]:
-    """Return the best heading of each channel, in the order of the channels of the bench."""
-    chosen: dict[str, tuple[str, HeadingMeaning]] = {}
-    for heading in headings:
+def _choose_headings(file: ColumnSource, *, is_raw: bool) -> dict[str, tuple[str, HeadingMeaning]]:
+    """Return the best heading of each channel, in the order of the channels of the bench.
+
+    A column that cannot be read, such as a time of day, is chosen only where no other holds the channel.
+    """
+    candidates: dict[str, list[tuple[int, str, HeadingMeaning]]] = {}
+    for index, heading in enumerate(file.headings):
         meaning = interpret_heading(heading)
-        if meaning is None or meaning.is_raw != is_raw:
-            continue
-        if meaning.channel not in chosen or meaning.rank < chosen[meaning.channel][1].rank:
-            chosen[meaning.channel] = heading, meaning
-    return {channel: chosen[channel] for channel in _SI_UNITS if channel in chosen}
+        if meaning is not None and meaning.is_raw == is_raw:
+            candidates.setdefault(meaning.channel, []).append((index, heading, meaning))
+    chosen = {}
+    for channel in (channel for channel in _SI_UNITS if channel in candidates):
+        columns = sorted(candidates[channel], key=lambda each: each[2].rank)
+        readable = (each for each in columns if len(columns) == 1 or _is_readable(file, each[0]))
+        chosen[channel] = next(readable, columns[0])[1:]
+    return chosen
+
+
+def _is_readable(file: ColumnSource, index: int) -> bool:
+    try:
+        file.read_columns([index])
+    except InputError:
+        return False
+    return True
 
 
 def _describe_column(heading: str, meaning: HeadingMeaning, assumed_unit: str, *, has_units: bool) -> ColumnChoice:

@@ -140,7 +140,7 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
         return None
     is_upstream = channel == "pressure" and bool(tokens & _UPSTREAM)
     is_other = 2 * len(tokens & _PROCESSED) + is_upstream + (not tokens & _get_words(channel)) + (not unit)
-    rank = 0 if name.lower() == channel else MAX_HEADING_LENGTH * is_other + len(tokens)
+    rank = MAX_HEADING_LENGTH * (not unit) if name.lower() == channel else MAX_HEADING_LENGTH * is_other + len(tokens)
     is_absolute = channel in ("pressure", "pressure_command") and (
         bool(pressure_unit and pressure_unit["absolute"]) or bool(tokens & _ABSOLUTE)
     )
