@@ -154,7 +154,24 @@ def test_files_that_overlap_by_two_samples_are_read(tmp_path: Path) -> None:
 def test_trial_of_a_millisecond_is_refused(tmp_path: Path) -> None:
     fast = {"time [us]" if name == "time [s]" else name: value for name, value in columns().items()}
     fast["time [us]"] = 50.0 * np.arange(N)
-    assert "overlap by 0.00095 s only" in read_error(tmp_path, fast)
+    assert "the time spans 0.00095 s with a sample every 5e-05 s" in read_error(tmp_path, fast)
+
+
+@pytest.mark.parametrize(("seconds", "unit"), [(3600.0, "h"), (86400.0, "day")])
+def test_time_in_hours_or_days_is_named(tmp_path: Path, seconds: float, unit: str) -> None:
+    n = 300
+    values = {"length [mm]": 340.0, "pressure_command [bar]": 3.0, "force [N]": 500.0}
+    held = {heading: np.full(n, value) for heading, value in values.items()}
+    time = 0.01 * np.arange(n) / seconds
+    message = f"a trial takes seconds to minutes: is the unit of 'time [s]' {unit}? Correct the heading"
+    assert message in read_error(tmp_path, {"time [s]": time, **held})
+    result = read(tmp_path, {f"time [{unit}]": time, **held})
+    assert result.measured["force"].time == pytest.approx(0.01 * np.arange(n))
+
+
+def test_dates_of_a_spreadsheet_with_few_digits_are_named(tmp_path: Path) -> None:
+    days = np.round(45413.0 + TIME / 86400.0, 6)
+    assert "days since 1900 with which spreadsheets write dates" in read_error(tmp_path, columns(time=days))
 
 
 def test_delay_that_leaves_no_overlap_is_named(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from klute_sim.datasets import channels
+from klute_sim.datasets import channels, unit_conversion
 from klute_sim.datasets.channels import TIME_COLUMN, ChannelSource, get_measured_units, get_prescribed_units
 from klute_sim.datasets.column_mapping import NO_MAPPING, ColumnMapping
 from klute_sim.datasets.foot_load import (
@@ -22,6 +22,7 @@ from klute_sim.datasets.trial_files.column_assignment import format_columns, sta
 from klute_sim.datasets.trial_files.table import Table
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
+from klute_sim.plausibility.bench.time_axis import list_usual_units
 from klute_sim.types import Array
 
 Use = Literal["fit", "validation", "test"]
@@ -38,6 +39,9 @@ MIN_SAMPLES = 10
 MIN_OVERLAP_INTERVALS, MIN_OVERLAP_TIME = 2.0, 5e-3
 """Shortest time that all channels share: in sampling intervals of the slower of the two that end first and start last,
 and in seconds (assumed: ten time steps of a simulation)."""
+
+DAYS_OF_DATES = 36526.0, 73051.0
+"""Numbers of the first days of 2000 and 2100 in spreadsheets."""
 
 
 class TimeSeries(NamedTuple):
@@ -239,8 +243,20 @@ def _extract_time(file: Table, mapping: ColumnMapping, *, has_other_clocks: bool
             f"trial file {file.source}: the time {fault} at {file.locate_row(row)} ({time[row]:.9g} s after "
             f"{time[row - 1]:.9g} s); time must increase from row to row"
             f"{'; if several tests follow each other, write each into a file of its own' * (fault == 'decreases')}"
+            f"{_suggest_days(file, time) * (fault == 'repeats')}"
         )
     return time
+
+
+def _suggest_days(file: Table, time: Array) -> str:
+    """Return advice where ``time`` [s] was read from dates of a spreadsheet; else ''."""
+    numbers = time / (unit_conversion.get_si_factor(file.units[TIME_COLUMN], "s") or 1.0)
+    if not (DAYS_OF_DATES[0] < numbers[0] < DAYS_OF_DATES[1] and np.ptp(numbers) < 1.0):
+        return ""
+    return (
+        "; the numbers look like the days since 1900 with which spreadsheets write dates: export all digits, and state "
+        "the unit 'day'"
+    )
 
 
 def _check_no_gap(column: _Column, reason: str) -> None:
@@ -354,6 +370,7 @@ def _check_overlap(columns: Mapping[str, _Column], delays: Mapping[str, float]) 
     min_overlap = max(MIN_OVERLAP_INTERVALS * interval, MIN_OVERLAP_TIME)
     if end - start >= min_overlap:
         return
+    _check_duration(columns, min_overlap)
     files = list(dict.fromkeys(str(columns[channel].file.source) for channel in (earliest, latest)))
     subject = f"trial files {' and '.join(files)}" if len(files) > 1 else f"the channels of trial file {files[0]}"
     statement = f"overlap by {end - start:.3g} s only" if end > start else "do not overlap in time"
@@ -365,3 +382,18 @@ def _check_overlap(columns: Mapping[str, _Column], delays: Mapping[str, float]) 
         f"{subject} {statement}: '{earliest}' ends at {end:.6g} s{earlier}, '{latest}' starts at {start:.6g} s{later}; "
         f"at least {min_overlap:.3g} s in common are needed; {advice}"
     )
+
+
+def _check_duration(columns: Mapping[str, _Column], min_duration: float) -> None:
+    """Raise InputError where no channel is longer than ``min_duration`` [s], and another unit of time explains this."""
+    durations = {channel: float(np.ptp(column.series.time)) for channel, column in columns.items()}
+    longest = max(durations, key=lambda channel: durations[channel])
+    file, series = columns[longest].file, columns[longest].series
+    written = unit_conversion.get_si_factor(file.units[TIME_COLUMN], "s") or 1.0
+    units = " or ".join(list_usual_units(series.sampling_interval, durations[longest], written))
+    if durations[longest] < min_duration and units:
+        raise InputError(
+            f"trial file {file.source}: the time spans {durations[longest]:.3g} s with a sample every "
+            f"{series.sampling_interval:.3g} s, but a trial takes seconds to minutes: is the unit of "
+            f"'{file.headings[TIME_COLUMN]}' {units}? Correct the heading, or state it in [columns]"
+        )

@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any
 
 EXAMPLE_UNITS = {
-    "s": "s, ms, min",
+    "s": "s, ms, min, h, day",
     "m": "mm, cm, m, in",
     "N": "N, kN, kgf, lbf",
     "Pa": "bar, kPa, MPa, psi, Pa",

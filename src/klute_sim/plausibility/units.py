@@ -15,7 +15,7 @@ _MMHG = 133.322387415
 
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
-        "s": {"s": 1.0, "ms": 1e-3, "min": 60.0, "us": 1e-6, "h": 3600.0, "ns": 1e-9},
+        "s": {"s": 1.0, "ms": 1e-3, "min": 60.0, "us": 1e-6, "h": 3600.0, "day": 86400.0, "ns": 1e-9},
         "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "um": 1e-6, "ft": 0.3048},
         "N": {"N": 1.0, "kN": 1e3, "lbf": _POUND_FORCE, "kgf": 9.80665, "mN": 1e-3, "gf": 9.80665e-3, "daN": 10.0},
         "Pa": {

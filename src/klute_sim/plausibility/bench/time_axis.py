@@ -37,10 +37,17 @@ def is_impossible(interval: float, duration: float) -> bool:
 
 def list_candidate_units(trial: RecordedTrial) -> dict[str, float]:
     """Return unit -> factor by which all times change, for units that make an unusual time axis usual."""
-    interval, duration = measure_time_axis(trial)
+    return list_usual_units(*measure_time_axis(trial), trial.time_unit[1])
+
+
+def list_usual_units(interval: float, duration: float, written: float) -> dict[str, float]:
+    """Return unit -> factor of all times, for units that make an unusual ``interval`` and ``duration`` [s] usual.
+
+    ``written`` is the factor of the unit in the heading to SI.
+    """
     if is_usual(interval, duration):
         return {}
-    candidates = {unit: factor / trial.time_unit[1] for unit, factor in UNITS["s"].items()}
+    candidates = {unit: factor / written for unit, factor in UNITS["s"].items()}
     return {
         unit: factor
         for unit, factor in candidates.items()
