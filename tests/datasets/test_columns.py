@@ -56,6 +56,17 @@ def test_channels_are_computed_in_si(tmp_path: Path) -> None:
     assert dataset.remarks == ()
 
 
+def test_unit_of_a_raw_reading_is_refused_with_an_expression_that_can_be_used(tmp_path: Path) -> None:
+    mapping = MAPPING.replace("(AIN3 - 0.5) * 2.5 [bar]", "`Pressure (V)`")
+    mapping += '[[trial]]\nfiles = ["b.csv"]\n'
+    sentence = load_error(tmp_path, mapping, AIN3=None, **{"Pressure (V)": 1.7 + 0 * COUNTS})
+    expression = "(`Pressure (V)` - 0.5) * 2.5 [bar]"
+    assert f'state its calibration under [columns], for example pressure_command = "{expression}"' in sentence
+    mapping = mapping.replace('"`Pressure (V)`"', f'"{expression}"')
+    trial = load(tmp_path, mapping, AIN3=None, **{"Pressure (V)": 1.7 + 0 * COUNTS}).trials[0]
+    assert trial.prescribed["pressure_command"].value == pytest.approx(3e5)
+
+
 def test_missing_samples_stay_missing(tmp_path: Path) -> None:
     raw = COUNTS.copy()
     raw[3] = np.nan

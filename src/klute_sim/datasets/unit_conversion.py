@@ -15,6 +15,8 @@ EXAMPLE_UNITS = {
     "m/s": "mm/s, m/s",
 }
 """SI unit of a channel or a velocity -> examples of allowed units for error messages."""
+RAW_UNITS = frozenset(("v", "mv", "mv/v", "ma", "count", "counts", "cts", "adc", "lsb", "digit", "digits", "raw"))
+"""Units, in small letters, of readings that become a channel by a calibration only."""
 
 _UNIT_TOKEN = re.compile(r"[^\W\d_][^\W\d_]*|[\s*·⋅/.°^\d-]")
 """Names, numbers and operators that a unit may consist of."""

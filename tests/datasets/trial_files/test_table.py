@@ -246,6 +246,12 @@ HEAD = "time [s],force [N]\n"
         ("Bench 3, slow\ntime force\n 0.0 nan\n", "its columns are separated by spaces"),
         ('time [s],"force [N]\n1,2\n', "the heading line cannot be read"),
         ("time [s],force\n1,2\n", "column 'force' has no unit in square brackets; write for example 'force [N]'"),
+        (
+            "time [s],Force (V)\n1,2\n",
+            "'Force (V)' is a raw reading in V; state its calibration under [columns], for example force = "
+            '"(`Force (V)` - 0.5) * 2.5 [N]" if it reads 0.5 V at 0 N',
+        ),
+        ("time [s],force [counts]\n1,2\n", "column 'force [counts]' is a raw reading in counts; state its calibration"),
         ("time (s),force [N]\n1,2\n", "column 'time (s)' has no unit in square brackets; write for example 'time [s]'"),
         ("time [s],length\n1,2\n", "write for example 'length [mm]'"),
         ("time [s],pressure\n1,2\n", "write for example 'pressure [bar]'"),

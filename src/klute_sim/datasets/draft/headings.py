@@ -26,8 +26,6 @@ _PRESSURE_UNIT = re.compile(r"(?P<unit>[mkh]?pa|m?bar|psi)\(?(g|gauge|rel|ü|(?P
 """A unit that says whether the pressure is a gauge or an absolute pressure, such as ``psig`` or ``kPa abs``."""
 _SPELLINGS = {"pa": "Pa", "hpa": "hPa", "kpa": "kPa", "mpa": "MPa", "bar": "bar", "mbar": "mbar", "psi": "psi"}
 """Unit of pressure in small letters -> unit."""
-_RAW_UNITS = frozenset(("v", "mv", "mv/v", "ma", "count", "counts", "cts", "adc", "lsb", "digit", "digits", "raw"))
-"""Units of readings that become a channel by a calibration only."""
 _RAW_WORDS = frozenset(("raw", "count", "counts", "adc", "lsb", "digits", "volt", "volts", "voltage"))
 """Words of such readings where no unit is stated."""
 _WEIGHT_UNITS = {"kg": "kgf", "lb": "lbf", "lbs": "lbf"}
@@ -126,7 +124,7 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     name, stated_unit = _split_unit(heading)
     tokens = _split_words(name)
     key = stated_unit.replace(" ", "").lower()
-    is_raw = key in _RAW_UNITS or (not key and bool(tokens & _RAW_WORDS))
+    is_raw = key in unit_conversion.RAW_UNITS or (not key and bool(tokens & _RAW_WORDS))
     pressure_unit = _PRESSURE_UNIT.fullmatch(key)
     unit = "" if is_raw else stated_unit
     if pressure_unit:
@@ -176,7 +174,9 @@ def _split_unit(heading: str) -> tuple[str, str]:
     if not match["separator"].strip(" _"):  # what follows may be a word: pressure_in, F_m
         channel = _find_channel(match["name"], _split_words(match["name"]), "")
         kind = kind if channel is None or kind == _SI_UNITS[channel] else None
-    return (match["name"], match["unit"]) if kind or key in _RAW_UNITS or key == PERCENT else (heading, "")
+    return (
+        (match["name"], match["unit"]) if kind or key in unit_conversion.RAW_UNITS or key == PERCENT else (heading, "")
+    )
 
 
 def _get_si_unit(unit: str) -> str | None:

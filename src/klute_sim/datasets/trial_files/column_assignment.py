@@ -213,6 +213,7 @@ def _determine_unit(
         )
     column_factor = unit_conversion.get_si_factor(heading_unit, si_unit)
     if column_factor is None:
+        _check_no_raw_reading(heading, expression.label.split(" ")[-1], si_unit, source)
         raise InputError(
             f"trial file {source}: {expression.label} = '{expression.text}' names the column '{heading}', which has "
             f"{unit_conversion.describe_wrong_unit(heading_unit, si_unit)}"
@@ -235,6 +236,7 @@ def _match_channel(
         return None
     if match.re is _HEADING_WITHOUT_UNIT and name == TIME_COLUMN and name in missing:
         return None  # the time of another file is stated, and that of this one can be as well
+    _check_no_raw_reading(heading, name, column_units[name], source)
     if match.re is _HEADING_WITHOUT_UNIT:
         example = unit_conversion.EXAMPLE_UNITS[column_units[name]].split(",")[0]
         raise InputError(
@@ -242,6 +244,19 @@ def _match_channel(
             f"'{name} [{example}]'"
         )
     return name
+
+
+def _check_no_raw_reading(heading: str, channel: str, si_unit: str, source: str) -> None:
+    """Raise InputError where ``heading`` states a unit, such as V, that becomes one of ``channel`` by calibration."""
+    unit = _split_heading(heading)[1]
+    if unit is None or unit.replace(" ", "").lower() not in unit_conversion.RAW_UNITS:
+        return
+    example = unit_conversion.EXAMPLE_UNITS[si_unit].split(",")[0]
+    raise InputError(
+        f"trial file {source}: column '{heading}' is a raw reading in {unit}; state its calibration under [columns], "
+        f'for example {channel} = "(`{heading}` - 0.5) * 2.5 [{example}]" if it reads 0.5 {unit} at 0 {example} and '
+        f"rises by 1 {unit} per 2.5 {example}, or rename the column to leave it out"
+    )
 
 
 def _states_channel(heading: str, column_units: Mapping[str, str]) -> bool:
