@@ -58,12 +58,13 @@ def describe_wrong_unit(unit: str, si_unit: str) -> str:
     allowed = f"allowed: {EXAMPLE_UNITS[si_unit]} and other units of that kind"
     if _GRAD.search(unit) and si_unit in ("rad", "rad/s"):
         return f"the ambiguous unit '{unit}'; did you mean '{_GRAD.sub('deg', unit)}'? A{allowed[1:]}"
-    if _is_known(unit):
+    if _is_known(unit) and get_si_factor(unit.lower(), si_unit) is None:
         return f"a unit of the wrong kind; {allowed}"
     if get_si_factor(unit.lower(), si_unit) is None:
         return f"the unknown unit '{unit}'; {allowed}"
     symbol = f"{_get_registry().parse_units(unit.lower()):~}"
-    return f"the unknown unit '{unit}'; did you mean '{symbol}'? A{allowed[1:]}"
+    kind = f"a unit of the wrong kind, '{unit}'" if _is_known(unit) else f"the unknown unit '{unit}'"
+    return f"{kind}; did you mean '{symbol}'? A{allowed[1:]}"
 
 
 def _is_known(unit: str) -> bool:

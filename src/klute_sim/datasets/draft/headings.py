@@ -31,7 +31,11 @@ _RAW_WORDS = frozenset(("raw", "count", "counts", "adc", "lsb", "digits", "volt"
 _WEIGHT_UNITS = {"kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 """Unit of a mass on a load cell -> unit of its weight."""
 
-_TIME = frozenset(("time", "t", "timestamp", "elapsed", "zeit", "pruefzeit", "messzeit", "temps", "tiempo"))
+_TIME = frozenset(
+    ("time", "t", "timestamp", "elapsed", "zeit", "pruefzeit", "messzeit", "temps", "tiempo", "millis", "micros")
+)
+_CLOCKS = {"millis": "ms", "micros": "us"}
+"""Name of a clock of an Arduino -> its unit."""
 _TIME_OF_LABVIEW = "x_value"
 """Heading of the time in text files that LabVIEW writes."""
 _PRESSURE = frozenset(("pressure", "p", "press", "gauge", "druck", "istdruck", "pression", "presion"))
@@ -122,7 +126,8 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
     if len(heading) > MAX_HEADING_LENGTH:
         return None
     name, stated_unit = _split_unit(heading)
-    tokens = _split_words(name)
+    stated_unit, _, note = stated_unit.partition(",")  # such as (bar, absolute)
+    tokens = _split_words(f"{name} {note}")
     key = stated_unit.replace(" ", "").lower()
     is_raw = key in unit_conversion.RAW_UNITS or (not key and bool(tokens & _RAW_WORDS))
     pressure_unit = _PRESSURE_UNIT.fullmatch(key)
@@ -131,6 +136,10 @@ def interpret_heading(heading: str) -> HeadingMeaning | None:
         unit = _SPELLINGS[pressure_unit["unit"]]
     elif key in _SPELLINGS and not _get_si_unit(stated_unit):
         unit = _SPELLINGS[key]
+    elif unit and not _get_si_unit(unit) and _get_si_unit(key):
+        unit = key  # such as MM or Newtons
+    if not stated_unit:
+        unit = next((_CLOCKS[token] for token in tokens if token in _CLOCKS), "")
     if key in _WEIGHT_UNITS and tokens & (_FORCE | {"weight", "cell"}):
         unit = _WEIGHT_UNITS[key]
     channel = _find_channel(name, tokens, unit)
