@@ -26,7 +26,7 @@ from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.recording.atomic_file import write_atomically
 
-TRIAL_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", *PARQUET_SUFFIXES, *MAT_SUFFIXES)
+TRIAL_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".lvm", *PARQUET_SUFFIXES, *MAT_SUFFIXES)
 """Endings of files that can be trials."""
 ASSUMED_PRESSURE_NOISE = "20 mbar"
 """Noise of a measured pressure that stands for the command (assumed)."""

@@ -64,7 +64,8 @@ def find_heading(content: bytes, source: str, heading_row: int | None, is_known:
     line that is not blank. A line of units below the heading belongs to it. Raises InputError when there is no heading.
     """
     line = _get_line(content, source, heading_row) if heading_row else _search_line(content, is_known)
-    cells, delimiter = _split(_decode(line.content), source)
+    following = next((other for other in _iterate_lines(content, line) if other.content.strip()), None)
+    cells, delimiter = _split(_decode(line.content), _decode(following.content) if following else "", source)
     if is_known(cells[0].lstrip(_COMMENT_LETTERS)):
         cells = (cells[0].lstrip(_COMMENT_LETTERS), *cells[1:])
     if all(NUMBER.fullmatch(number) for number in _ANY_DELIMITER.split(_decode(line.content)) if number):
@@ -73,7 +74,6 @@ def find_heading(content: bytes, source: str, heading_row: int | None, is_known:
             f"trial file {source} has no heading: {where} must name the columns, such as 'time [s]'; if the heading "
             "stands elsewhere, give its line as heading_row"
         )
-    following = next((other for other in _iterate_lines(content, line) if other.content.strip()), None)
     if len(cells) == 1 or not any(is_known(cell) for cell in cells):
         _check_no_spaces(content, line, source)
     units = _read_units(following.content, delimiter, len(cells)) if following else None
@@ -132,16 +132,20 @@ def _search_line(content: bytes, is_known: Callable[[str], bool]) -> _Line:
         if not line.content.strip():
             continue
         text = _decode(line.content)
-        try:
-            cells = _split_cells(text, _choose_delimiter(text))
-        except csv.Error:
-            cells = []
-        # A word that is repeated, as in the head of a LabVIEW file, counts once.
-        names = {cell.lstrip(_COMMENT_LETTERS).casefold(): cell for cell in cells if not cell[:1].isdigit()}
-        count = sum(is_known(cell.lstrip(_COMMENT_LETTERS)) for cell in names.values())
+        count = max(_count_known(text, delimiter, is_known) for delimiter in DELIMITERS)
         if count > best_count:
             best, best_count = line, count
     return best or _BEGINNING
+
+
+def _count_known(text: str, delimiter: str, is_known: Callable[[str], bool]) -> int:
+    """Return the number of known headings in a line; one that is repeated, as in a LabVIEW file, counts once."""
+    try:
+        cells = _split_cells(text, delimiter)
+    except csv.Error:
+        return 0
+    names = {cell.lstrip(_COMMENT_LETTERS).casefold(): cell for cell in cells if not cell[:1].isdigit()}
+    return sum(is_known(cell.lstrip(_COMMENT_LETTERS)) for cell in names.values())
 
 
 def _decode(line: bytes) -> str:
@@ -154,8 +158,15 @@ def _decode(line: bytes) -> str:
     return line.decode("latin-1")
 
 
-def _choose_delimiter(text: str) -> str:
-    return max(DELIMITERS, key=_QUOTED.sub("", text).count)
+def _choose_delimiter(text: str, following: str) -> str:
+    """Return the delimiter of the heading ``text``: one as often in the ``following`` line, else the most frequent.
+
+    Units and remarks hold commas, and so do decimal numbers, so a comma is the last choice.
+    """
+    heading, row = (_QUOTED.sub("", line) for line in (text, following))
+    delimiters = DELIMITERS[::-1]
+    matching = (each for each in delimiters if 0 < heading.count(each) == row.count(each))
+    return next(matching, max(delimiters, key=heading.count))
 
 
 def _split_cells(text: str, delimiter: str) -> list[str]:
@@ -163,8 +174,8 @@ def _split_cells(text: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter, strict=True), [])]
 
 
-def _split(text: str, source: str) -> tuple[tuple[str, ...], str]:
-    delimiter = _choose_delimiter(text)
+def _split(text: str, following: str, source: str) -> tuple[tuple[str, ...], str]:
+    delimiter = _choose_delimiter(text, following)
     lines.check_column_count(text.count(delimiter) + 1, TRIAL.describe(source))
     try:
         cells = _split_cells(text, delimiter)

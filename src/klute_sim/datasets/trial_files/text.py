@@ -47,6 +47,8 @@ _MISSING_VALUES = [" " * width for width in range(33)]
 """Empty cells, with or without padding by blanks."""
 _EMPTY_CELLS = b" \t,;"
 """Bytes of a row in which all cells are empty."""
+_COMMENT_STARTS = (b"#", b"%", b"//")
+"""Beginnings of a comment below the rows."""
 _ERRORS = (pa.ArrowException, OSError, ValueError)
 
 
@@ -165,8 +167,11 @@ class DelimitedText:
             if [cell.strip() for cell in cells] == list(self.headings):
                 return f"line {number} repeats the heading; delete it, or write each recording into its own file"
             if len(cells) != n_columns:
-                has_comma = len(cells) > n_columns and self.delimiter == ","
-                fix = "; write decimal points, not commas, or separate cells by semicolons" if has_comma else ""
+                fix = ""
+                if len(cells) < n_columns:
+                    fix = "; complete the row, or delete it if it is no sample"
+                elif self.delimiter == ",":
+                    fix = "; write decimal points, not commas, or separate cells by semicolons"
                 return (
                     f"line {number} has {_format_cell_count(len(cells))}, but the heading (line {self.heading_line}) "
                     f"has {_format_cell_count(n_columns)}{fix}"
@@ -214,24 +219,28 @@ def parse_delimited_text(
     heading = find_heading(content, source, heading_row, is_known)
     body = _remove_empty_end(content[heading.n_bytes :])
     has_remark = heading.has_preamble and heading_row is None
-    headings = heading.cells
-    if _ends_rows_with_delimiter(body, heading.delimiter, len(headings)):
-        headings = (*headings, "")
+    headings = _fit_headings(heading.cells, body, heading.delimiter)
     return DelimitedText(source, headings, heading.delimiter, body, heading.first_row_line, heading.line, has_remark)
 
 
-def _ends_rows_with_delimiter(body: bytes, delimiter: str, n_headings: int) -> bool:
-    """Return whether the first row has one cell more than ``n_headings``, an empty one at its end."""
+def _fit_headings(headings: tuple[str, ...], body: bytes, delimiter: str) -> tuple[str, ...]:
+    """Return ``headings`` with as many cells as the first row, if one at the end is empty or a comment of LabVIEW."""
     first = next((line for line in lines.iterate_lines(body) if line), b"").decode("utf-8", errors="replace")
-    return first.count(delimiter) == n_headings and first.endswith(delimiter)
+    n_delimiters = first.count(delimiter)
+    if n_delimiters == len(headings) and first.endswith(delimiter):
+        return (*headings, "")
+    if len(headings) > 1 and n_delimiters == len(headings) - 2 and headings[-1] in ("", "Comment"):
+        return headings[:-1]
+    return headings
 
 
 def _remove_empty_end(body: bytes) -> bytes:
-    """Return ``body`` without rows of empty cells at its end, as spreadsheets write them."""
+    """Return ``body`` without rows of empty cells, as spreadsheets write them, and comments at its end."""
     end = len(body)
     while end > 0:
         start = max(body.rfind(b"\n", 0, end), body.rfind(b"\r", 0, end)) + 1
-        if body[start:end].strip(_EMPTY_CELLS):
+        row = body[start:end].strip(_EMPTY_CELLS)
+        if row and not row.lstrip(b'"').startswith(_COMMENT_STARTS):
             break
         end = start - 1
     return body[: max(end, 0)]
@@ -251,9 +260,15 @@ def _describe_cell_error(cell: str, heading: str, *, allows_comma: bool) -> str 
         return f"'{cell}' {reason}"
     if not NUMBER.fullmatch(cell):
         if _CLOCK_TIME.fullmatch(cell):
-            return f"'{cell[:40]}' is a date or a time of day, which cannot be read; write seconds as a number"
+            return (
+                f"'{cell[:40]}' is a date or a time of day, which cannot be read; write seconds as a number, or state "
+                'the sampling rate under [columns], such as time = "row / 100 [s]" for 100 samples a second'
+            )
         if _TIME_NAME.match(heading):
-            return f"'{cell[:40]}' is not a number; every row needs a time as a number, such as seconds"
+            return (
+                f"'{cell[:40]}' is not a number; every row needs a time as a number, such as seconds; delete rows that "
+                "are no samples"
+            )
         return f"'{cell[:40]}' is not a number; leave the cell of a missing sample empty"
     if math.isinf(float(cell)):
         return f"'{cell[:40]}' is too large"
