@@ -102,14 +102,14 @@ def test_further_term_that_takes_a_small_part_of_the_error_of_the_law_is_not_cho
 
 
 @pytest.mark.parametrize("fault", ["instrument", "number"])
-def test_fault_beside_an_effect_must_take_three_quarters_of_what_the_effect_leaves(fault: str) -> None:
+def test_fault_beside_an_effect_must_take_half_of_what_the_effect_leaves(fault: str) -> None:
     """It contradicts a calibration or a measurement, and an imperfect law looks like one."""
     term = GAIN if fault == "instrument" else RADIUS
     base, single = make_model((), [40.0, 44.0, 36.0]), make_model((FRICTION,), [4.2, 4.0, 3.8])
-    errors = [1.4, 1.2, 1.0]  # 70 % less than without the fault
+    errors = [2.6, 2.4, 2.2]  # 40 % less than without the fault
     assert choose_model([base, single, make_model((FRICTION, TAPER), errors)], np.arange(3)) is not single
     assert choose_model([base, single, make_model((FRICTION, term), errors)], np.arange(3)) is single
-    decisive = make_model((FRICTION, term), [1.0, 0.8, 0.6])
+    decisive = make_model((FRICTION, term), [2.0, 1.8, 1.6])
     assert choose_model([base, single, decisive], np.arange(3)) is decisive
     # The fault replaces another one, so it is no further fault.
     faulty = make_model((GAIN,), [4.2, 4.0, 3.8])
