@@ -135,6 +135,7 @@ def test_invalid_reference_folders_are_refused(text: str | None, message: str, t
     assert len(process.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_exported_files_match_recording(lab: Path) -> None:
     assert run("gait", "--strides", "3", "--step", "1", "--out", "run", cwd=lab).returncode == 0
     formats = [word for kind in ("mot", "sto", "trc", "log", "csv", "parquet") for word in ("--format", kind)]

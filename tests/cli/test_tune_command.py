@@ -56,6 +56,7 @@ def test_few_evaluations_reduce_the_objective_and_the_search_can_be_resumed(tmp_
     assert "peak plantarflexion [deg]" in resumed.stdout
 
 
+@pytest.mark.slow
 def test_walks_are_tuned_and_options_of_the_other_rig_are_refused(tmp_path: Path) -> None:
     arguments = ("--rig", "walk", "--only", "push_off_bar", "--walker", "machine-1", "--seconds", "5", "--speed", "1.3")
     done = run("tune", *arguments, "--budget", "2", "--jobs", "1", "--out", "t", "--json", cwd=tmp_path)

@@ -73,6 +73,7 @@ def find_delays(trials: Sequence[Trial], accepted: Collection[str]) -> list[Find
     return [Finding("plate-delay", f"trial '{trial.name}'", "late") for trial in trials]
 
 
+@pytest.mark.slow
 def test_walks_without_findings_are_examined_beside_an_accepted_one(walks: Path) -> None:
     with pytest.raises(InputError, match=r"fit_1_0.*': late\. If this is right, accept it with --accept plate-delay"):
         load_dataset(walks, accept=["force-unit"], find_in_walks=find_delays)

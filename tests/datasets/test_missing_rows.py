@@ -84,6 +84,7 @@ def load_walk(walk: Path, folder: Path, select_rows: Callable[[str, Array, Array
     load_dataset(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "channel"), [("shank_angle", "shank_angle"), ("grf_vertical", "grf_vertical")])
 def test_motion_and_load_of_a_walk_need_every_row(first: str, channel: str, walk: Path, tmp_path: Path) -> None:
     with pytest.raises(ImplausibleInputError, match=f"`{channel}` has no samples between 1.5 and") as caught:

@@ -37,6 +37,7 @@ def describe(simulator: Simulator, cop_errors: Sequence[float], effects: str = "
     return describe_condition_registration(data, fit_hypothesis(data, hypothesis))
 
 
+@pytest.mark.slow
 def test_conditions_on_different_plates_are_told(simulator: Simulator) -> None:
     (sentence,) = describe(simulator, (0.012, -0.012, 0.0))
     found = re.findall(r"in '(\d)' the centre of pressure lies ([\d.]+) mm further (forward|back)", sentence)

@@ -72,6 +72,7 @@ def test_clean_joint_has_no_significant_equation(tmp_path: Path, simulator: Simu
     assert select_significant_equations(residuals) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("equation", DEVICE_EFFECTS)
 def test_effect_of_a_device_is_missing_in_its_equation_only(
     equation: str, tmp_path: Path, simulator: Simulator
@@ -103,6 +104,7 @@ def test_joint_without_a_measured_position_has_no_equations(tmp_path: Path, simu
     assert compute_equation_residuals(data, fit) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("truth", ['braid_hysteresis]\nform = "coulomb"\nslope_n_per_bar = 6.0', ""])
 def test_force_of_a_driven_joint_is_checked(truth: str, tmp_path: Path, simulator: Simulator) -> None:
     """On a dynamometer the position is prescribed, so it is known although nobody measures it."""

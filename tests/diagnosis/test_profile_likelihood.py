@@ -164,6 +164,7 @@ def test_limit_is_at_a_jump(height: float) -> None:
     assert 1.2 <= above <= 1.2 * 1.06
 
 
+@pytest.mark.slow
 def test_profile_covers_where_the_jacobian_does_not() -> None:
     covered = np.zeros(2)
     for seed in range(300):

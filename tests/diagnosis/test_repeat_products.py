@@ -106,6 +106,7 @@ def test_shared_misfit_as_large_as_the_noise_has_the_sum_one_per_sample() -> Non
     assert np.mean(ratios) == pytest.approx(1.0, rel=0.25)  # the noise is estimated, and the fit absorbs a part
 
 
+@pytest.mark.slow
 def test_an_irrelevant_misfit_has_no_small_p_value() -> None:
     misfits = draw_misfits(make_stationary_noise, 100, misfit=SHARED_SCALE * np.sqrt(IRRELEVANT_MEAN_SQUARES[0]))
     p_values = [convert_to_p_value(shared) for shared in misfits]
@@ -119,6 +120,7 @@ def test_a_misfit_of_a_part_of_the_noise_has_a_small_p_value() -> None:
     assert max(strong) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_disturbance_of_all_channels_makes_no_p_value_small() -> None:
     """Each repeat has a disturbance of its own, as large as the other noise, in both channels."""
     rng, p_values = np.random.default_rng(11), []

@@ -97,6 +97,7 @@ def test_device_of_one_diameter_predicts_another(diagnosis: Diagnosis, true_devi
     assert np.sqrt(np.mean((trial.measured - trial.with_effects) ** 2)) < 0.01 * force.measured_range
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("found", "used"), [(40.0, 40.0 * (23.0 / 13.0) ** 2), (800.0, 1000.0)])
 def test_parameters_that_grow_with_the_diameter_are_scaled(
     found: float, used: float, diagnosis: Diagnosis, tmp_path: Path

@@ -48,6 +48,7 @@ def advance(env: Any, level: float, count: int) -> None:
         env.step(np.full(env.action_space.shape, level, dtype=np.float32))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SINGLE)
 def test_images_show_the_pressure_and_distances_the_shapes(name: str) -> None:
     env = make(SINGLE, name, render_mode="rgb_array")

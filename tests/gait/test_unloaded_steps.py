@@ -33,6 +33,7 @@ def write_walk(folder: Path, copy: Path, begin: float, end: float) -> Path:
     return copy
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("begin", "end"),
     [

@@ -253,6 +253,7 @@ def test_air_from_the_room_is_not_drawn() -> None:
     assert states[-1].drawn_mass == 0.0
 
 
+@pytest.mark.slow
 @given(st.floats(0.0, 5e5), st.floats(0.5, 30.0), st.floats(1e-11, 1e-7), st.floats(1.0, 1.4))
 def test_closed_path_at_constant_command_loses_work(
     command: float, frequency: float, conductance: float, exponent: float

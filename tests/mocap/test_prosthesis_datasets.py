@@ -79,6 +79,7 @@ def gait_recording() -> Recording:
     return rig.simulate_gait(load_device(DEVICE), load_default_profile(), GaitOptions(strides=3, dt=1e-3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("files", [FILES, ("recording.parquet",)])
 def test_export_and_import_round_trip(files: tuple[str, ...], gait_recording: Recording, tmp_path: Path) -> None:
     export_lab_files(tmp_path / "lab", gait_recording)
@@ -120,6 +121,7 @@ def remove_markers(path: Path, *names: str) -> None:
     trc.write(trc.Markers(markers.time, positions), path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("removed", [("hip",), ("hip", "heel"), ("hip", "heel", "toe")])
 def test_markers_of_the_shank_are_enough(removed: tuple[str, ...], gait_recording: Recording, tmp_path: Path) -> None:
     """A person with a prosthesis may wear markers on the prosthesis only."""

@@ -145,6 +145,7 @@ def select_by_name(results: list[SensitivityResult], name: str) -> list[Sensitiv
     return [e for e in results if e.variation.name == name]
 
 
+@pytest.mark.slow
 def test_every_assumption_is_varied_or_excluded(results: list[SensitivityResult]) -> None:
     names = {e.variation.name for e in results}
     assert len(results) >= 2 * len(names) - 1
@@ -211,6 +212,7 @@ def test_variation_equals_design_with_that_value(results: list[SensitivityResult
     assert effect.metrics == compute_design_metrics(changed_design)
 
 
+@pytest.mark.slow
 def test_variation_keeps_resting_length() -> None:
     design = design_device(WALKER, DesignChoices(actuator="klute-3-4"))
     longer_arm = next(e for e in analyse_sensitivity(design) if e.variation.name == "moment arm" and e.value > 0.048)
@@ -221,6 +223,7 @@ def test_variation_keeps_resting_length() -> None:
     assert longer_arm.metrics.air_mass == compute_design_metrics(changed_design).air_mass
 
 
+@pytest.mark.slow
 def test_variation_updates_recommendation_and_keeps_actuators() -> None:
     near = design_device(WalkerTarget(mass=85.0))
     stronger = next(e for e in analyse_sensitivity(near) if e.variation.name == "moment/reference")

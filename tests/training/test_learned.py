@@ -66,6 +66,7 @@ def test_sensor_delay_equals_that_of_training() -> None:
     assert delayed_commands == [commands[0], commands[0], commands[0], commands[1], commands[2]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0, 4])
 def test_controller_acts_on_rig_as_in_environment(delay: int) -> None:
     """Compare after a stride, because the initial pressures differ slightly."""

@@ -120,6 +120,7 @@ def test_every_person_walks_under_every_push_and_longer_at_the_end() -> None:
     assert {case.seconds for case in problem.build_cases(np.zeros(2), is_fine=True)} == {12.0}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_process_runner")
 def test_tuning_writes_a_machine_that_walks(tmp_path: Path) -> None:
     options: dict[str, Any] = {"machine_keys": ["push_off_bar", "swing_bar"], "walkers": ["machine-1"], "seconds": 5.0}

@@ -16,6 +16,7 @@ from klute_sim.viewer.picture.rrd_reader import RrdContents, iter_views, read_rr
 rr = pytest.importorskip("rerun")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [{"intact": True, "slope": 2.0}, {"spring_foot": 8.0, "uneven": 5.0}, {}])
 def test_poses_stand_on_the_ground_and_a_missing_recording_is_rebuilt(
     arguments: dict[str, float], tmp_path: Path
