@@ -437,3 +437,23 @@ def test_names_that_need_no_number_at_its_limit_may_be_named(
     assert all(refitted.x == pytest.approx([0.2, 0.5]) for refitted in seen)
     assert (admitted.obstacle == "") == is_admitted
     assert admitted.fit is fit
+
+
+@pytest.mark.parametrize(
+    ("lag_samples", "shift_samples", "expected"),
+    [
+        pytest.param(1.0, -0.75, "together with the other delay", id="nearly cancel"),
+        pytest.param(1.0, 0.75, "", id="add up"),
+        pytest.param(2.0, -0.75, "", id="leave more than half a sample"),
+        pytest.param(0.3, 1.0, "is shorter than half a sampling interval", id="one is too short"),
+    ],
+)
+def test_delays_of_a_channel_are_named_only_if_their_sum_shows(
+    lag_samples: float, shift_samples: float, expected: str, data: WeightedData
+) -> None:
+    """A lag of 5 ms and a clock that is 3.7 ms early were named for a lag of 1.2 ms in a log of 200 Hz."""
+    interval = float(np.median(np.diff(data.experiments[0].measured["force"].time)))
+    lag, skew = EffectTerm("sensor_lag", "linear", "force"), EffectTerm("clock_skew", "linear", "force")
+    fit = make_fit(lag, skew, time_constant_s=lag_samples * interval, shift_s=shift_samples * interval)
+    obstacle = find_naming_obstacle(data, fit)
+    assert (expected in obstacle) if expected else not obstacle

@@ -19,10 +19,9 @@ from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals, gro
 from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.naming import (
     IMPLAUSIBLE_REASON,
-    UNRESOLVED_REASON,
     find_implausible_instrument,
     find_infeasible_terms,
-    find_unresolved_delay,
+    find_unresolved_delays,
 )
 from klute_sim.diagnosis.selection.refits import refit_with_replacement, refit_without_term
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates, select_shortlist
@@ -328,8 +327,9 @@ class ForwardSelection:
         flaw = find_infeasible_terms(after).get(term)
         if flaw:
             return f"{term} {flaw}"
-        if find_unresolved_delay(self.data, after) == term:
-            return f"{term} {UNRESOLVED_REASON}"
+        unresolved = find_unresolved_delays(self.data, after).get(term)
+        if unresolved:
+            return f"{term} {unresolved}"
         # A gauge that alone shows the supply must not stand in for it.
         if is_supply_only(self.data.experiments) and find_implausible_instrument(self.data, after) == term:
             return f"{term} {IMPLAUSIBLE_REASON}"

@@ -21,6 +21,8 @@ MIN_DELAY_SAMPLES = 0.5
 follows a straight line, whose corners may be off by as much)."""
 UNRESOLVED_REASON = "is shorter than half a sampling interval"
 """Reason why such a delay is not named."""
+CANCELLED_REASON = "leaves less than half a sampling interval together with the other delay of its channel"
+"""Reason why two delays that nearly cancel are not named."""
 IMPLAUSIBLE_REASON = "would be further off than instruments are"
 """Reason why a large error of an instrument is not named."""
 MAX_INSTRUMENT_LAG_S = 0.1
@@ -55,8 +57,7 @@ def find_naming_obstacle(data: WeightedData, fit: Fit, *, needs_numbers_at_limit
     implausible = find_implausible_instrument(data, fit)
     if implausible:
         return f"{implausible} {IMPLAUSIBLE_REASON}"
-    unresolved = find_unresolved_delay(data, fit)
-    return f"{unresolved} {UNRESOLVED_REASON}" if unresolved else ""
+    return next((f"{term} {reason}" for term, reason in find_unresolved_delays(data, fit).items()), "")
 
 
 def find_infeasible_terms(fit: Fit) -> dict[EffectTerm, str]:
@@ -104,17 +105,26 @@ def find_implausible_number(fit: Fit) -> tuple[EffectTerm, float] | None:
     return None if term is None or error <= MAX_NUMBER_SIGMAS else (term, error)
 
 
-def find_unresolved_delay(data: WeightedData, fit: Fit) -> EffectTerm | None:
-    """Return a lag or shift of an instrument that is too short for the sampling of the trials; None without any."""
+def find_unresolved_delays(data: WeightedData, fit: Fit) -> dict[EffectTerm, str]:
+    """Return the lags and shifts of instruments that are too short for the sampling of the trials, with the reasons.
+
+    The delays of a channel add up: a filter that is late and a clock that is as early show nothing but their shapes.
+    """
     intervals = [np.median(np.diff(s.time)) for e in data.experiments for s in e.measured.values() if len(s.time) > 1]
     shortest = MIN_DELAY_SAMPLES * float(np.median(intervals)) if intervals else 0.0
     rows = list(zip(fit.hypothesis.parameters, fit.values, strict=True))
-    for index, term in enumerate(fit.hypothesis.terms):
-        if term.effect in DELAY_EFFECTS and all(
-            abs(value) < shortest for parameter, value in rows if parameter.term_index == index
-        ):
-            return term
-    return None
+    delays = {
+        term: sum(value for parameter, value in rows if parameter.term_index == index)
+        for index, term in enumerate(fit.hypothesis.terms)
+        if term.effect in DELAY_EFFECTS
+    }
+    reasons = {}
+    for term, delay in delays.items():
+        if abs(delay) < shortest:
+            reasons[term] = UNRESOLVED_REASON
+        elif abs(sum(other for one, other in delays.items() if one.channel == term.channel)) < shortest:
+            reasons[term] = CANCELLED_REASON
+    return reasons
 
 
 def find_terms_at_bound(fit: Fit) -> list[EffectTerm]:
