@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis import final_model, workflow
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -457,3 +458,17 @@ def test_delays_of_a_channel_are_named_only_if_their_sum_shows(
     fit = make_fit(lag, skew, time_constant_s=lag_samples * interval, shift_s=shift_samples * interval)
     obstacle = find_naming_obstacle(data, fit)
     assert (expected in obstacle) if expected else not obstacle
+
+
+def test_delay_of_a_slow_channel_is_judged_by_its_own_samples(data: WeightedData) -> None:
+    """Markers at 200 Hz beside a load cell at 1 kHz do not resolve a lag of 1 ms."""
+    (slow,) = {float(np.median(np.diff(e.measured["force"].time))) for e in data.experiments}
+    fine = np.arange(400) * 0.2 * slow
+    experiments = [
+        replace(e, measured={**e.measured, **{name: TimeSeries(fine, 0.0 * fine) for name in ("pressure", "length")}})
+        for e in data.experiments
+    ]
+    mixed = WeightedData(data.simulator, experiments, data.noise)
+    for lag, is_named in ((0.2 * slow, False), (0.6 * slow, True)):
+        fit = make_fit(EffectTerm("sensor_lag", "linear", "force"), time_constant_s=lag)
+        assert (find_naming_obstacle(mixed, fit) == "") is is_named

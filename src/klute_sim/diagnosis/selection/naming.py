@@ -110,8 +110,12 @@ def find_unresolved_delays(data: WeightedData, fit: Fit) -> dict[EffectTerm, str
 
     The delays of a channel add up: a filter that is late and a clock that is as early show nothing but their shapes.
     """
-    intervals = [np.median(np.diff(s.time)) for e in data.experiments for s in e.measured.values() if len(s.time) > 1]
-    shortest = MIN_DELAY_SAMPLES * float(np.median(intervals)) if intervals else 0.0
+    intervals: dict[str, list[float]] = {}
+    for e in data.experiments:
+        for channel, series in e.measured.items():
+            if len(series.time) > 1:
+                intervals.setdefault(channel, []).append(float(np.median(np.diff(series.time))))
+    usual = float(np.median([interval for own in intervals.values() for interval in own])) if intervals else 0.0
     rows = list(zip(fit.hypothesis.parameters, fit.values, strict=True))
     delays = {
         term: sum(value for parameter, value in rows if parameter.term_index == index)
@@ -120,6 +124,9 @@ def find_unresolved_delays(data: WeightedData, fit: Fit) -> dict[EffectTerm, str
     }
     reasons = {}
     for term, delay in delays.items():
+        # The channel itself may be slower than the others, such as markers beside a load cell.
+        own = intervals.get(term.channel or "")
+        shortest = MIN_DELAY_SAMPLES * max(usual, float(np.median(own)) if own else 0.0)
         if abs(delay) < shortest:
             reasons[term] = UNRESOLVED_REASON
         elif abs(sum(other for one, other in delays.items() if one.channel == term.channel)) < shortest:
