@@ -142,9 +142,11 @@ def test_supplied_number_is_assessed(reproduction: Reproduction) -> None:
 
 
 @pytest.mark.parametrize("name", ["klute-3-4", "klute-1-1-4"])
-def test_bare_muscle_is_refused(name: str) -> None:
+def test_bare_muscle_is_refused_at_once(name: str) -> None:
+    stages: list[str] = []
     with pytest.raises(InputError, match=r"has no (damper|tendon), which chapter"):
-        run_reproduction(load_device(name))
+        run_reproduction(load_device(name), progress=lambda fraction, stage: stages.append(stage))
+    assert not stages
 
 
 def test_chapter_8_uses_workloop_protocol(reproduction: Reproduction) -> None:

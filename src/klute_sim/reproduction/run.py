@@ -73,6 +73,9 @@ def run_reproduction(
     numbers that the user supplies; ``progress`` receives the completed fraction. Raises InputError when the device has
     no damper or tendon or cannot take the lengths of chapter 7.
     """
+    # Refused before the first chapters, which take half a minute where the laws are not compiled yet.
+    chapter4.get_damper(device)
+    chapter56.get_tendon(device)
     chapters: tuple[tuple[str, float, Callable[[ProgressCallback], ChapterResult]], ...] = (
         ("chapter 2", 0.02, lambda chapter_progress: chapter2.compute()),
         ("chapter 3", 0.02, lambda chapter_progress: chapter3.compute()),

@@ -28,12 +28,17 @@ IDEAL_DISCHARGE_COEFFICIENT = 1.0
 """Discharge coefficient with which orifices are designed."""
 
 
+def get_damper(device: Device) -> Damper:
+    """Return the damper of ``device``; raises InputError when it has none."""
+    if device.spec.damper is None:
+        raise InputError(f"device '{device.name}' has no damper, which chapter 4 is about")
+    return device.spec.damper
+
+
 def compute(device: Device) -> ChapterResult:
     """Return the findings and figures of chapter 4; raises InputError when ``device`` has no damper."""
-    spec, parameters = device.spec, device.parameters
-    if spec.damper is None:
-        raise InputError(f"device '{device.name}' has no damper, which chapter 4 is about")
-    bore, density = 1e-3 * spec.damper.bore_mm, spec.damper.oil_density_kg_m3
+    oil_damper, parameters = get_damper(device), device.parameters
+    bore, density = 1e-3 * oil_damper.bore_mm, oil_damper.oil_density_kg_m3
     curves = compute_force_velocity(
         parameters.muscle,
         parameters.damper,
@@ -56,9 +61,9 @@ def compute(device: Device) -> ChapterResult:
         findings[f"fig-4.3.required-{percent}"] = Outcome(1e3 * float(diameters[percent - 1]))
     findings["fig-4.3.varies"] = Outcome(float(diameters[-1] / diameters[9]))
 
-    findings["table-4.1.bore"] = Outcome(spec.damper.bore_mm)
-    findings["table-4.1.concentric"] = Outcome(spec.damper.orifice_concentric_mm)
-    findings["table-4.1.eccentric"] = Outcome(spec.damper.orifice_eccentric_mm)
+    findings["table-4.1.bore"] = Outcome(oil_damper.bore_mm)
+    findings["table-4.1.concentric"] = Outcome(oil_damper.orifice_concentric_mm)
+    findings["table-4.1.eccentric"] = Outcome(oil_damper.orifice_eccentric_mm)
     findings["table-4.1.pressure"] = Outcome(1e-6 * float(fixed[-1]) / (0.25 * math.pi * bore * bore))
     for speed in (100, 300):
         findings[f"figs-4.4-4.7.concentric-{speed}"] = Outcome(-damper.force(parameters.damper, -1e-3 * speed))
@@ -92,7 +97,7 @@ def compute(device: Device) -> ChapterResult:
         f"{best_error:.2f}: force that grows with v² cannot follow Hill's steep fall from rest. Vmax and orifices are "
         "assumed.",
     )
-    _add_equations(findings, spec.damper, parameters.damper)
+    _add_equations(findings, oil_damper, parameters.damper)
     return ChapterResult(findings, tuple(_build_figures(device, f0, target, desired, fixed, diameters)))
 
 

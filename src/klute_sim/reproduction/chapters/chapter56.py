@@ -16,11 +16,16 @@ MIN_FORCE = 1e-6
 """Least force [N] of a spring that has joined."""
 
 
+def get_tendon(device: Device) -> TendonParameters:
+    """Return the tendon of ``device``; raises InputError when it has none."""
+    if device.parameters.tendon.is_rigid:
+        raise InputError(f"device '{device.name}' has no tendon, which chapters 5 and 6 are about")
+    return device.parameters.tendon
+
+
 def compute(device: Device) -> ChapterResult:
     """Return the findings and figures of chapters 5 and 6; raises InputError when ``device`` has no tendon."""
-    law = device.parameters.tendon
-    if law.is_rigid:
-        raise InputError(f"device '{device.name}' has no tendon, which chapters 5 and 6 are about")
+    law = get_tendon(device)
     findings: dict[str, Outcome] = {}
     lost_note = "The numbers are lost, and nothing replaces them."
     for name in ("area", "modulus", "exponent"):
