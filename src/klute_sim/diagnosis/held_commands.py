@@ -181,13 +181,16 @@ def select_command_course(
     progress(0.2, "fitting with commands that are held until the next sample")
     prepared = prepare(experiments)
     linear_bic = linear.compute_bic(_copy_weights(linear.data, prepared.data))
-    is_searched = is_doubtful or _is_less_left_by_course(linear, prepared)
-    if not is_searched and linear.compute_bic(prepared.data) > linear_bic + linear.search.bic_threshold:
+    is_less_left = _is_less_left_by_course(linear, prepared)
+    if (
+        not (is_doubtful or is_less_left)
+        and linear.compute_bic(prepared.data) > linear_bic + linear.search.bic_threshold
+    ):
         return linear, []
     held = search_model(prepared)
     difference = linear_bic - held.compute_bic(held.data)
     has_further_shift = held.n_time_shifts > linear.n_time_shifts
-    is_decided = _is_pressure_explained_by_course(linear, held) or _is_less_left_by_course(linear, held)
+    is_decided = _is_pressure_explained_by_course(linear, held) or is_less_left
     if is_decided or (not has_further_shift and _is_pressure_explained_by_names(linear, held)):
         return held, [f"{HELD_REMARK}, {AGREEMENT}"]
     # What the course of the command explains as well needs no name, a shift in time least of all.
@@ -219,7 +222,7 @@ def _is_pressure_explained_by_course(linear: Preparation | Outcome, held: Prepar
     return not is_left and _has_misfit(_copy_weights(linear.data, held.data), linear.base_fit)
 
 
-def _is_less_left_by_course(linear: Outcome, held: Preparation | Outcome) -> bool:
+def _is_less_left_by_course(linear: Outcome, held: Preparation) -> bool:
     """Return whether held commands alone leave far less in pressures without repeats than linear ones do.
 
     Nor may they leave more than linear commands with all names do.
