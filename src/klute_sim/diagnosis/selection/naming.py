@@ -17,8 +17,9 @@ MAX_INSTRUMENT_FRACTION = 0.1
 """Largest plausible error of an instrument, as a fraction of the range of its channel: gain, offset, and drift over the
 longest trial (assumed; a worse instrument is seen in its own calibration)."""
 MIN_DELAY_SAMPLES = 0.5
-"""Shortest lag or shift of a clock that is named, in sampling intervals (assumed: between logged samples the simulation
-follows a straight line, whose corners may be off by as much)."""
+"""Shortest lag or shift of a clock that is named, in sampling intervals of its channel or of all channels (median),
+whichever is longer (assumed: between logged samples the simulation follows a straight line, whose corners may be off by
+as much)."""
 UNRESOLVED_REASON = "is shorter than half a sampling interval"
 """Reason why such a delay is not named."""
 CANCELLED_REASON = "leaves less than half a sampling interval together with the other delay of its channel"
