@@ -1,10 +1,12 @@
-"""Settings of all tests: repeatable examples of hypothesis without a time limit, and the longest files first.
+"""Settings of all tests: repeatable examples of hypothesis without a time limit, and the order of the files.
 
-A busy machine must not fail a test, a change must not fail by examples that only its run drew, and no worker should
-start a long file last. ``--hypothesis-profile random`` draws new examples.
+A busy machine must not fail a test, and a change must not fail by examples that only its run drew;
+``--hypothesis-profile random`` draws new examples. One worker builds the compiled code first, which takes a minute of a
+fresh machine; the others meanwhile run files that need none, and then find it on disk.
 """
 
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import hypothesis
@@ -14,11 +16,20 @@ hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=Tr
 hypothesis.settings.register_profile("random", deadline=None)
 hypothesis.settings.load_profile("repeatable")
 
-LONGEST = ("test_docs.py", "test_diagnosis.py", "test_reproduce_command.py", "test_effects.py", "test_gait_command.py")
+FIRST_FILE = "device/test_compilation.py"
+FOLDERS_WITHOUT_COMPILATION = ("laws", "sizing", "comparison", "controllers", "recording")
+TESTS = Path(__file__).parent
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
+    def rank(item: pytest.Item) -> int:
+        file = item.path.relative_to(TESTS)
+        if file.as_posix() == FIRST_FILE:
+            return -1
+        folders = FOLDERS_WITHOUT_COMPILATION
+        return folders.index(file.parts[0]) if file.parts[0] in folders else len(folders)
+
+    items.sort(key=rank)
 
 
 @pytest.fixture
