@@ -44,7 +44,10 @@ def test_brackets_in_a_title_are_no_markup() -> None:
 def test_no_module_creates_a_table_in_another_style() -> None:
     styled = []
     for file in sorted(SOURCE.rglob("*.py")):
-        tree = ast.parse(file.read_text("utf-8"))
+        text = file.read_text("utf-8")
+        if "rich.table" not in text:
+            continue
+        tree = ast.parse(text)
         imports = any(
             isinstance(node, ast.ImportFrom)
             and node.module == "rich.table"

@@ -14,6 +14,7 @@ def test_baselines_have_the_foot() -> None:
     assert [baseline.device.spec.describe_foot()["name"] for baseline in baselines] == ["sach", "sach"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_process_runner")
 def test_sweep_simulates_every_foot(tmp_path: Path) -> None:
     result = ks.sweep(feet=["rigid", "sach"], strides=1, time_step=1e-3, n_jobs=1, folder=tmp_path / "s")
@@ -22,6 +23,7 @@ def test_sweep_simulates_every_foot(tmp_path: Path) -> None:
     assert moments[1] < moments[0] - 0.02
 
 
+@pytest.mark.slow
 def test_assessment_of_a_foot_differs() -> None:
     runs = [
         ks.assess(only=["spring-foot-6"], foot=foot, strides=1, time_step=1e-3).persons[0].controllers[0].run

@@ -9,6 +9,7 @@ import klute_sim as ks
 from tests import synthetic_gait
 
 
+@pytest.mark.slow
 def test_imported_gait_is_reference_for_simulation(tmp_path: Path) -> None:
     files = synthetic_gait.opensim(tmp_path, synthetic_gait.Walker())
     result = ks.import_gait(files, mass=70.0, stature=1.8)

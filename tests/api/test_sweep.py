@@ -13,6 +13,7 @@ from tests.report.figure_checks import check_figure
 pytestmark = pytest.mark.usefixtures("in_process_runner")
 
 
+@pytest.mark.slow
 def test_sweep_returns_rows_and_resumes_in_its_folder(tmp_path: Path) -> None:
     reports: list[tuple[float, str]] = []
     options = {"masses": [60.0, 75.0], "strides": 1, "time_step": 1e-3, "n_jobs": 1, "folder": tmp_path / "s"}

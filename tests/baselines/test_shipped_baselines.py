@@ -116,6 +116,7 @@ def test_actuated_ankle_is_closer_to_the_human_one_than_without_pressure(name: s
         assert not each.contact_lost_in_stance
 
 
+@pytest.mark.slow
 def test_tuned_profile_is_closer_to_the_human_ankle_than_the_hand_tuned_one() -> None:
     tuned, hand = (simulate_baseline(name).strides[-1] for name in ("tuned", "hand-tuned"))
     assert compute_objective(tuned) < 0.8 * compute_objective(hand)

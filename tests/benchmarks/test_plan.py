@@ -7,6 +7,7 @@ from benchmarks.hidden_effects import device, imperfect, inputs, plan, simulate
 NOTHING = simulate.Hidden()
 
 
+@pytest.mark.slow
 def test_error_of_a_law_is_the_stated_fraction_of_the_range_of_the_force() -> None:
     law = device.build_neutral_law(device.load_device())
     programs = inputs.generate_programs(np.random.default_rng(7))[:2]

@@ -54,6 +54,7 @@ TRANSFERRED_PROFILE = pytest.param(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", [pytest.param((), id="tuned"), TRANSFERRED_PROFILE])
 def test_designed_prosthesis_completes_gait_run(
     walker: tuple[Path, dict[str, object]], profile: tuple[str, ...]

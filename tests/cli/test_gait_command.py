@@ -84,6 +84,7 @@ def test_same_command_writes_the_same_parquet_bits(tmp_path: Path) -> None:
     assert files[0] == files[1]
 
 
+@pytest.mark.slow
 def test_table_states_what_is_tracked_and_the_csv_reads_back(tmp_path: Path) -> None:
     done = run("gait", "--strides", "1", "--out", "r", "--csv", cwd=tmp_path, COLUMNS="80")
     assert done.returncode == 0
@@ -269,6 +270,7 @@ def test_api_writes_the_same_files_and_metrics_as_the_command(
     check_figure(figure)
 
 
+@pytest.mark.slow
 def test_api_accepts_objects_names_and_paths(tmp_path: Path) -> None:
     (tmp_path / "device.toml").write_bytes(ks.load_device("klute-1-1-4-pair").content)
     devices = ("klute-1-1-4-pair", tmp_path / "device.toml", ks.load_device("klute-1-1-4-pair"))
@@ -295,6 +297,7 @@ def test_foot_is_in_the_files_of_the_run(tmp_path: Path) -> None:
     assert run("gait", "--foot", "sash", cwd=tmp_path).stderr.count("did you mean 'sach'?") == 1
 
 
+@pytest.mark.slow
 def test_spring_foot_has_the_heel_and_keel_of_a_foot(tmp_path: Path) -> None:
     options = {"spring_foot": 6.0, "strides": 1, "time_step": 1e-3, "learning_strides": 3}
     elastic, rigid = (ks.simulate_gait(foot=foot, **options) for foot in ("sach", None))  # type: ignore[arg-type]

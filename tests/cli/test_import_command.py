@@ -82,6 +82,7 @@ def test_gait_uses_stride_time_mass_and_stature_of_folder(lab: Path) -> None:
     assert "Reference gait: me, measured at 1.20 m/s" in walker
 
 
+@pytest.mark.slow
 def test_gait_options_override_folder(lab: Path) -> None:
     words = (
         "--mass",
@@ -180,6 +181,7 @@ def test_exported_files_match_recording(lab: Path) -> None:
     assert np.abs(inclination - recording["shank_angle"]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_export_and_import_round_trip(lab: Path) -> None:
     if not (lab / "out").exists():
         test_exported_files_match_recording(lab)

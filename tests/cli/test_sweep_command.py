@@ -181,6 +181,7 @@ def test_same_command_shows_the_table_without_simulating(
     assert "Sweep folder: s  (index.html, figure.png, sweep.csv, sweep.json, sweep.parquet)" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_process_runner")
 def test_changed_reference_file_is_another_sweep(tmp_path: Path) -> None:
     text = (resources.files("klute_sim.gait") / "normative_gait.csv").read_text("utf-8")

@@ -77,6 +77,7 @@ def test_table_says_what_it_is_and_what_it_is_not(tmp_path: Path) -> None:
     assert len(lines) == 6001
 
 
+@pytest.mark.slow
 def test_other_command_is_acute_and_a_fall_is_reported(tmp_path: Path) -> None:
     done = run("walk", "--controller", "constant:5", "--walker", "machine-1", "--out", "r", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -202,6 +202,7 @@ def test_energy_residual_of_a_stride_is_of_first_order_in_the_step() -> None:
     assert np.abs(fine).max() < 0.13
 
 
+@pytest.mark.slow
 def test_energy_and_air_balances_of_a_stride_close() -> None:
     recording, p = simulate_reference_run()
     step = recording["time"][1]

@@ -156,7 +156,7 @@ def check_invariants(devices: list[DeviceParameters], trace: RolloutTrace) -> No
             assert trace.tension[i].min() >= 0.0
 
 
-@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 10))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 10))])
 def test_invariants_hold_for_random_devices(seed: int) -> None:
     for part in range(8):
         check_invariants(*simulate_random_devices(100 * seed + part, rollouts=125, samples=1000))

@@ -47,6 +47,7 @@ def test_conditions_on_different_plates_are_told(simulator: Simulator) -> None:
     assert int(re.findall(r"(\d+) % of the misfit", sentence)[0]) > 90
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cop_errors", "effects"),
     [

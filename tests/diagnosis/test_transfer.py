@@ -117,6 +117,7 @@ def test_parameters_that_grow_with_the_diameter_are_scaled(
     assert ("cut off at a limit" in damping.rule) == (used == 1000.0)
 
 
+@pytest.mark.slow
 def test_effects_that_do_not_hold_elsewhere_are_said_not_to(
     diagnosis: Diagnosis, true_device: Device, tmp_path: Path
 ) -> None:

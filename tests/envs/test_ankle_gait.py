@@ -119,6 +119,7 @@ def test_episode_equals_gait_rig_simulation(episode: list[tuple]) -> None:
     assert abs(sum(info["work_unresolved_j"] for info in infos)) < 0.01 * gas
 
 
+@pytest.mark.slow
 def test_power_of_an_elastic_foot_is_that_of_the_gait_rig() -> None:
     """Hinge and keel together are the ankle; the hinge, which the encoder reads, has less than two thirds of it."""
     env = AnkleGaitEnv(reset_noise=0.0, strides=2, time_step=1e-3, foot="dynamic-response-low")
@@ -338,6 +339,7 @@ def test_opening_device_takes_openings() -> None:
     assert pressures[2] < 0.8 * pressures[1]
 
 
+@pytest.mark.slow
 def test_imported_subject_gives_stride_time_mass_and_the_human_ankle_of_the_reward(tmp_path: Path) -> None:
     folder = write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66, stride_time=1.2, load_ratio=1.2)
     single = AnkleGaitEnv(reference=folder, strides=1, time_step=1e-3)

@@ -125,6 +125,7 @@ def test_path_deviation_uses_current_command() -> None:
     assert tables.is_off_path(np.array([np.nan]), first[:1], commands[:1]).tolist() == [True]
 
 
+@pytest.mark.slow
 def test_reference_power_scales_with_stride_time() -> None:
     peaks = []
     for speed in (0.9, None):

@@ -127,6 +127,7 @@ def test_stumble_leads_to_swing_but_a_bounce_does_not() -> None:
     assert bounces.state == "loading"
 
 
+@pytest.mark.slow
 def test_state_machine_walks_with_push_off() -> None:
     metrics = compute_gait_metrics(
         simulate_gait(DEVICE, create_machine(lean_deg=14.0), GaitOptions(strides=3, dt=1e-3))

@@ -137,6 +137,7 @@ def check_walk(run: ks.GaitRun) -> None:
     assert not run.summary["touches_in_swing"]
 
 
+@pytest.mark.slow
 def test_elastic_foot_walks_and_says_so() -> None:
     run = ks.simulate_gait(foot="dynamic-response-medium+shoe", strides=2, time_step=1e-3)
     check_walk(run)

@@ -29,6 +29,7 @@ def select_steady_strides(recording: Recording) -> Recording:
     return recording.select(recording["stride"] >= 2)
 
 
+@pytest.mark.slow
 def test_strides_repeat_from_the_third_on() -> None:
     peaks = [s.ankle_moment_peak_nm_per_kg for s in simulate_default_run()[1].strides]
     assert len(peaks) == 5
@@ -190,6 +191,7 @@ def test_runs_are_bit_identical() -> None:
         assert np.array_equal(first[name], second[name], equal_nan=True), name
 
 
+@pytest.mark.slow
 def test_mass_scales_load_and_speed_scales_distance() -> None:
     heavy = simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=2, mass=90))
     last = heavy.select(heavy["stride"] == 2)

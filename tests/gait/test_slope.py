@@ -59,6 +59,7 @@ def test_gravity_is_inclined_with_constant_magnitude() -> None:
     assert build_gait_rig(device, GaitOptions(), 1e-3).model.opt.gravity == pytest.approx([0.0, 0.0, -GRAVITY], abs=0.0)
 
 
+@pytest.mark.slow
 def test_ankle_work_increases_uphill() -> None:
     strides = [compute_stride(degrees) for degrees in (-3.0, 0.0, 3.0)]
     for reading in (
@@ -130,6 +131,7 @@ def test_slope_has_no_distance_to_the_reference() -> None:
     assert not any("rises" in said for said in collect_remarks(summary | {"slope_deg": 0.0}))
 
 
+@pytest.mark.slow
 def test_slope_run_is_converged_in_the_time_step() -> None:
     fine = simulate_gait(
         load_device("klute-1-1-4-pair"),

@@ -39,6 +39,7 @@ def test_pressure_has_no_effect() -> None:
     assert np.array_equal(plain["grf_vertical"], powered["grf_vertical"])
 
 
+@pytest.mark.slow
 def test_quasi_stiffness_is_the_stiffness_and_energy_return_is_below_one() -> None:
     previous = 0.0
     for per_degree in (3.0, 6.0, 12.0):

@@ -141,6 +141,7 @@ def test_markers_of_the_shank_are_enough(removed: tuple[str, ...], gait_recordin
         import_trials(files, replace(RAW, mapping=axes))
 
 
+@pytest.mark.slow
 def test_files_of_equal_names_are_distinguished_by_folder(gait_recording: Recording, tmp_path: Path) -> None:
     delayed = Recording(
         {n: s + (n == "time") for n, s in gait_recording.channels.items()},

@@ -79,6 +79,7 @@ def test_stance_beside_the_plates_is_left_out(recording: Recording, tmp_path: Pa
     assert measured[is_kept] == pytest.approx(recording["grf_vertical"][is_kept], abs=40.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds_after_strike", [0.1, 0.16])
 def test_foot_strike_counts_with_a_whole_contact(
     seconds_after_strike: float, recording: Recording, tmp_path: Path

@@ -135,6 +135,7 @@ def test_equal_cases_under_two_names_are_evaluated_once(tmp_path: Path) -> None:
     assert rows[0] == rows[1]
 
 
+@pytest.mark.slow
 def test_full_disk_keeps_finished_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan, write_atomically = make_plan(), store.write_atomically
     result_store = open_plan_store(tmp_path / "s", plan)
@@ -162,6 +163,7 @@ def test_sweep_killed_before_its_plan_was_stored_starts_again(tmp_path: Path) ->
     assert sorted(path.name for path in folder.iterdir()) == [RESULTS_FOLDER, "sweep.json"]
 
 
+@pytest.mark.slow
 def test_leftovers_of_a_killed_sweep_disappear(tmp_path: Path) -> None:
     folder, plan = tmp_path / "s", make_plan()
     run_sweep(plan, open_plan_store(folder, plan), InProcessRunner())

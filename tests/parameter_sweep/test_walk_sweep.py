@@ -81,6 +81,7 @@ def test_key_depends_on_every_input_and_on_no_name() -> None:
     assert replace(case, device_name="b", controller_name="c").key == case.key
 
 
+@pytest.mark.slow
 def test_sweep_of_walks_resumes_and_writes_its_table(tmp_path: Path) -> None:
     options: dict[str, Any] = {
         **{"machine": {"push_off_bar": [3.4, 4.4], "lean_deg": [14.0]}, "walkers": "machine-1"},

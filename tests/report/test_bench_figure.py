@@ -18,5 +18,6 @@ def test_colours_grow_brighter_with_pressure(protocol: str) -> None:
     assert brightness[2.0] < brightness[3.0] < brightness[5.0]
 
 
+@pytest.mark.slow
 def test_figure_of_a_design_is_legible() -> None:
     check_figure(ks.design(mass=75).plot())

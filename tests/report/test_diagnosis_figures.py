@@ -107,6 +107,7 @@ def test_ranking_shows_every_step_with_the_accepted_candidate_first(diagnosis: D
     assert labels[0] == f"falls by {bars[0].bic_drop:.0f}"
 
 
+@pytest.mark.slow
 def test_long_titles_of_steps_stay_inside_the_figure(diagnosis: Diagnosis) -> None:
     reason = "it reduces the misfit of every channel on the validation trials by more than its parameters cost"
     steps = tuple(replace(step, reason=reason) for step in diagnosis.selection_history)
@@ -118,6 +119,7 @@ def test_long_titles_of_steps_stay_inside_the_figure(diagnosis: Diagnosis) -> No
         assert title.get_window_extent().x1 <= figure.bbox.x1, title.get_text()
 
 
+@pytest.mark.slow
 def test_localization_shows_the_misfit_in_units_of_noise(diagnosis: Diagnosis) -> None:
     figure = localization_figure.build_localization_figure(diagnosis)
     check_figure(figure)

@@ -168,6 +168,7 @@ def test_table_2_4_muscle_gives_force_shape_and_speed(row: str) -> None:
     assert design.muscle.hill == target.hill
 
 
+@pytest.mark.slow
 @given(st.floats(1e6, 20e6), st.floats(1.05, 2.0))
 def test_higher_cylinder_pressure_gives_smaller_bore(pressure: float, factor: float) -> None:
     bores = [

@@ -113,6 +113,7 @@ def compute_mean_squared_error(policy: Act, **options: Any) -> float:
     return float(np.mean(np.square(errors)))
 
 
+@pytest.mark.slow
 def test_learned_baseline_follows_the_target_better_than_pid() -> None:
     policy = load_joint_policy()
     assert compute_mean_squared_error(policy) < 0.2 * compute_mean_squared_error(PidController().act)

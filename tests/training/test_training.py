@@ -189,6 +189,7 @@ def test_environment_that_does_not_take_the_baseline_is_refused() -> None:
         check_baseline(GAIT, {"device": make_opening_device(), "strides": 1, "time_step": 1e-3})
 
 
+@pytest.mark.slow
 def test_episode_totals_end_with_episode() -> None:
     options = {
         "action": "residual",

@@ -67,6 +67,7 @@ def test_cost_is_error_and_change_of_actions_and_failures_cost_most() -> None:
     assert problem.build_cases(x, is_fine=True)[0].episodes == 2 * problem.build_cases(x, is_fine=False)[0].episodes
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_process_runner")
 def test_tuning_writes_gains_that_control_the_joint(tmp_path: Path) -> None:
     options: dict[str, Any] = {"gain_keys": ["proportional", "integral"], "episodes": 1, "seconds": 0.5, "load": 2.0}
