@@ -27,7 +27,11 @@ from klute_sim.diagnosis.selection.predictive_model import (
     is_as_good,
     refuse_idle_terms,
 )
-from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
+from klute_sim.diagnosis.selection.predictive_selection import (
+    PredictiveSelection,
+    _find_supported_names,
+    weight_by_law_error,
+)
 from klute_sim.diagnosis.selection.screening import Candidate
 from tests.diagnosis.synthetic_dataset import make_repeats
 
@@ -147,6 +151,16 @@ def test_names_that_refused_models_replace_stand_in_for_something_else() -> None
     decision = decide_verdict(replace(make_result(pair, [], 1.0, 0.9), has_substitutes=True))
     assert decision.verdict == "unexplained"
     assert "something else is missing" in decision.reasons[-1]
+
+
+def test_name_that_another_model_replaces_is_not_supported() -> None:
+    pair, single = make_model((FRICTION, GAIN), [0.2] * 6), make_model((FRICTION,), [0.5] * 6)
+    assert _find_supported_names(pair, [pair, single, BASE]) == pair.identities
+    for obstacle in ("", "it is at its bound"):  # a refused model that predicts as well is evidence against the name
+        other = make_model((FRICTION, TAPER, TENSION), [0.21] * 6, obstacle)
+        assert _find_supported_names(pair, [pair, other, single, BASE]) == single.identities
+    other = make_model((FRICTION, TAPER), [0.23] * 6)
+    assert _find_supported_names(pair, [pair, other, single, BASE]) == pair.identities
 
 
 def test_names_that_one_fold_decides_do_not_withhold_the_others() -> None:

@@ -49,7 +49,7 @@ def test_reason_tells_a_better_prediction_from_a_worse_one() -> None:
         LAG: (
             "with choked_valve (downstream) the squared error of prediction changes by -99.9 %; the chosen model has "
             "fewer effects, and its squared error is larger by 1.3 % of that without added effects: too small or too "
-            "uncertain a gain for a further effect"
+            "uncertain a gain for a further effect, or other models reach it, too"
         ),
         DELAY: (
             "the squared error of prediction changes by -98.8 %; "

@@ -122,5 +122,5 @@ def _explain_choice(model: PredictiveModel, prediction: PredictiveResult) -> str
         return f"too few of the selections without one {FOLD_WORDS[prediction.fold_kind]} choose it again"
     return (
         f"the chosen model has fewer effects, and its squared error is larger by {100.0 * difference:.2g} % of that "
-        "without added effects: too small or too uncertain a gain for a further effect"
+        "without added effects: too small or too uncertain a gain for a further effect, or other models reach it, too"
     )

@@ -318,6 +318,12 @@ class PredictiveSelection:
         models = refuse_idle_terms(base, models, len(self.folds), noise)
         nameable = [model for model in models if not model.obstacle]
         chosen, stability = choose_stable_model(nameable, len(self.folds), noise) if nameable else (base, {})
+        supported = _find_supported_names(chosen, models)
+        reduced = [model for model in nameable if model.terms and model.identities <= supported]
+        if reduced and supported != chosen.identities:
+            reduced_choice, reduced_stability = choose_stable_model(reduced, len(self.folds), noise)
+            if compute_share(base, reduced_choice, noise) >= MIN_SHARE:
+                chosen, stability = reduced_choice, reduced_stability
         rivals = [
             model
             for model in nameable
@@ -338,6 +344,15 @@ class PredictiveSelection:
             len(self.folds),
             are_substitutes(base, chosen, models),
         )
+
+
+def _find_supported_names(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> frozenset[Identity]:
+    """Return the names of ``chosen`` without which none of ``models``, larger or refused ones included, is as good.
+
+    The error of an imperfect law resembles many things, so a further name that something else can replace is none.
+    """
+    as_good = [model.identities for model in models if model.error <= MAX_RIVAL_RATIO * chosen.error]
+    return frozenset(name for name in chosen.identities if all(name in names for names in as_good))
 
 
 def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], residuals: Residuals) -> WeightedData:
