@@ -25,13 +25,10 @@ from klute_sim.diagnosis.selection.predictive_model import (
     choose_stable_model,
     divide_into_folds,
     is_as_good,
+    list_reduced_models,
     refuse_idle_terms,
 )
-from klute_sim.diagnosis.selection.predictive_selection import (
-    PredictiveSelection,
-    _find_supported_names,
-    weight_by_law_error,
-)
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
 from klute_sim.diagnosis.selection.screening import Candidate
 from tests.diagnosis.synthetic_dataset import make_repeats
 
@@ -138,29 +135,30 @@ def test_term_that_only_moves_a_parameter_off_its_bound_is_no_name() -> None:
 
 def test_names_that_refused_models_replace_stand_in_for_something_else() -> None:
     pair = make_model((FRICTION, GAIN), [0.2] * 6)
-    other = make_model((TAPER,), [0.3] * 6, "it is at its bound")
-    assert are_substitutes(BASE, pair, [pair, other, BASE])
-    # Not where one of the names is in all such models, and they predict clearly worse or may be named (as rivals).
-    partly = make_model((FRICTION, TAPER), [0.3] * 6, "it is at its bound")
-    assert not are_substitutes(BASE, pair, [pair, partly, BASE])
-    worse = make_model((TAPER,), [1.0] * 6, "it is at its bound")
-    nameable = make_model((TAPER,), [0.3] * 6)
-    assert not are_substitutes(BASE, pair, [pair, worse, nameable, BASE])
+    other = make_model((TAPER,), [0.21] * 6, "it is at its bound")
+    assert are_substitutes(pair, [pair, other, BASE])
+    # Not where one of the names is in all such models, and they predict worse or may be named (as rivals).
+    partly = make_model((FRICTION, TAPER), [0.21] * 6, "it is at its bound")
+    assert not are_substitutes(pair, [pair, partly, BASE])
+    worse = make_model((TAPER,), [0.3] * 6, "it is at its bound")
+    nameable = make_model((TAPER,), [0.21] * 6)
+    assert not are_substitutes(pair, [pair, worse, nameable, BASE])
     single = make_model((FRICTION,), [0.2] * 6)
-    assert not are_substitutes(BASE, single, [single, other, BASE])
+    assert not are_substitutes(single, [single, other, BASE])
     decision = decide_verdict(replace(make_result(pair, [], 1.0, 0.9), has_substitutes=True))
     assert decision.verdict == "unexplained"
     assert "something else is missing" in decision.reasons[-1]
 
 
-def test_name_that_another_model_replaces_is_not_supported() -> None:
+def test_name_that_another_model_replaces_is_left_out() -> None:
     pair, single = make_model((FRICTION, GAIN), [0.2] * 6), make_model((FRICTION,), [0.5] * 6)
-    assert _find_supported_names(pair, [pair, single, BASE]) == pair.identities
+    gain = make_model((GAIN,), [3.0] * 6)
+    assert list_reduced_models(pair, [pair, single, gain], [pair, single, gain, BASE]) == []
     for obstacle in ("", "it is at its bound"):  # a refused model that predicts as well is evidence against the name
         other = make_model((FRICTION, TAPER, TENSION), [0.21] * 6, obstacle)
-        assert _find_supported_names(pair, [pair, other, single, BASE]) == single.identities
-    other = make_model((FRICTION, TAPER), [0.23] * 6)
-    assert _find_supported_names(pair, [pair, other, single, BASE]) == pair.identities
+        assert list_reduced_models(pair, [pair, single, gain], [pair, other, single, gain, BASE]) == [single]
+    worse = make_model((FRICTION, TAPER), [0.23] * 6)
+    assert list_reduced_models(pair, [pair, worse, single], [pair, worse, single, BASE]) == []
 
 
 def test_names_that_one_fold_decides_do_not_withhold_the_others() -> None:

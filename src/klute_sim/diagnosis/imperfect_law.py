@@ -21,13 +21,13 @@ from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import describe_coincidence, find_naming_obstacle
 from klute_sim.diagnosis.selection.predictive_model import (
+    MAX_RIVAL_RATIO,
     MIN_STABILITY,
     PredictiveModel,
     PredictiveResult,
     compare_errors,
 )
 from klute_sim.diagnosis.selection.predictive_selection import (
-    MAX_RIVAL_RATIO,
     MIN_SHARE,
     PredictiveSelection,
     weight_by_law_error,
@@ -151,7 +151,7 @@ def decide_verdict(
         return ImperfectLawDecision(unexplained, reasons)
     if result.has_substitutes:
         reasons.append(
-            f"Models without {' or without '.join(map(str, chosen.terms))} predict nearly as well, but may not be "
+            f"Models without {' or without '.join(map(str, chosen.terms))} predict as well, but may not be "
             "named: something else is missing that resembles them, and they are proxies."
         )
         return ImperfectLawDecision(unexplained, reasons)

@@ -26,17 +26,14 @@ from klute_sim.diagnosis.localization.equation_residuals import compute_equation
 from klute_sim.diagnosis.selection.bounds import simplify_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import (
+    MAX_RIVAL_RATIO,
     MIN_TERM_SHARE,
     PredictiveModel,
     PredictiveResult,
     has_several_specimens,
     is_as_good,
 )
-from klute_sim.diagnosis.selection.predictive_selection import (
-    COMPARISON_MAX_NFEV,
-    MAX_RIVAL_RATIO,
-    PredictiveSelection,
-)
+from klute_sim.diagnosis.selection.predictive_selection import COMPARISON_MAX_NFEV, PredictiveSelection
 from klute_sim.types import Array
 
 MAX_REMAINING_FRACTION = 0.5

@@ -37,10 +37,9 @@ MAX_GAIN_FRACTION = 0.1
 """Part of what such a model loses in the other folds that it may gain in some (assumed)."""
 MIN_STABILITY = 0.8
 """Fraction of the selections without one fold in which an effect must be chosen again."""
-
-MIN_REFUSED_MARGIN = 0.05
-"""Part of what a set of names gains that models without one of them, which may not be named themselves, must miss for
-one name at least (assumed, from seven recorded sets that held a false name; four of them miss less for every name)."""
+MAX_RIVAL_RATIO = 1.1
+"""Error of prediction of other names over that of the chosen ones, up to which they predict as well although the
+difference exceeds its standard error (assumed: an imperfect law differs by as much between any two forms)."""
 
 
 class FoldPart(NamedTuple):
@@ -269,17 +268,32 @@ def refuse_idle_terms(
     return checked
 
 
-def are_substitutes(base: PredictiveModel, chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> bool:
+def are_substitutes(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> bool:
     """Return whether each term of a ``chosen`` set stands in for something that may not be named.
 
-    Models of ``models`` without such a term predict nearly as well, but have an obstacle, such as a parameter at its
-    bound: what is missing resembles both, so neither is its name. A single name is judged by its rivals alone.
+    Models of ``models`` without such a term predict as well, but have an obstacle, such as a parameter at its bound:
+    what is missing resembles both, so neither is its name. A single name is judged by its rivals alone.
     """
-    if len(chosen.terms) < 2:
-        return False
-    limit = chosen.error + MIN_REFUSED_MARGIN * (base.error - chosen.error)
-    refused = [model.identities for model in models if model.terms and model.obstacle and model.error <= limit]
-    return all(any(term.identity not in identities for identities in refused) for term in chosen.terms)
+    refused = [model for model in models if model.terms and model.obstacle]
+    return len(chosen.terms) > 1 and list_replaced_names(chosen, refused) == chosen.identities
+
+
+def list_reduced_models(
+    chosen: PredictiveModel, nameable: Sequence[PredictiveModel], models: Sequence[PredictiveModel]
+) -> list[PredictiveModel]:
+    """Return those of ``nameable`` with some of the names of ``chosen``, without one that another model replaces.
+
+    A larger or refused one of ``models`` counts, too. The error of an imperfect law resembles many things, so a further
+    name that something else can replace is none.
+    """
+    replaced = list_replaced_names(chosen, models)
+    return [m for m in nameable if m.terms and m.identities < chosen.identities and replaced - m.identities]
+
+
+def list_replaced_names(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> frozenset[Identity]:
+    """Return the names of ``chosen`` without which one of ``models`` predicts as well."""
+    as_good = [model.identities for model in models if model.error <= MAX_RIVAL_RATIO * chosen.error]
+    return frozenset(name for name in chosen.identities if any(name not in names for names in as_good))
 
 
 def choose_stable_model(

@@ -32,6 +32,7 @@ from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, F
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_numbers_at_limit
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
 from klute_sim.diagnosis.selection.predictive_model import (
+    MAX_RIVAL_RATIO,
     MIN_TERM_SHARE,
     FoldPart,
     PredictiveModel,
@@ -41,6 +42,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     compute_share,
     divide_into_folds,
     is_as_good,
+    list_reduced_models,
     rank_model,
     refuse_idle_terms,
 )
@@ -64,10 +66,6 @@ N_EXTENDED_PAIRS = 2
 MIN_SHARE = 0.6
 """Share of the explainable error of prediction that names must take (assumed: a proxy for an effect outside the
 catalogue takes less, named effects of measured muscles and seals take 0.78 to 1)."""
-MAX_RIVAL_RATIO = 1.1
-"""Error of prediction of other names over that of the chosen ones, up to which they are rivals although the difference
-exceeds its standard error (assumed: an imperfect law differs by as much between any two forms)."""
-
 FOLD_STEP_DEVIATION = 2.0
 """Scale of the quadratic penalty on the step of each normalized parameter when a fold is left out (assumed). With it,
 the errors of converged models of a measured seal agree with refits within about 1 %; without it they are up to four
@@ -318,12 +316,12 @@ class PredictiveSelection:
         models = refuse_idle_terms(base, models, len(self.folds), noise)
         nameable = [model for model in models if not model.obstacle]
         chosen, stability = choose_stable_model(nameable, len(self.folds), noise) if nameable else (base, {})
-        supported = _find_supported_names(chosen, models)
-        reduced = [model for model in nameable if model.terms and model.identities <= supported]
-        if reduced and supported != chosen.identities:
+        has_substitutes = are_substitutes(chosen, models)
+        while not has_substitutes and (reduced := list_reduced_models(chosen, nameable, models)):
             reduced_choice, reduced_stability = choose_stable_model(reduced, len(self.folds), noise)
-            if compute_share(base, reduced_choice, noise) >= MIN_SHARE:
-                chosen, stability = reduced_choice, reduced_stability
+            if compute_share(base, reduced_choice, noise) < MIN_SHARE:
+                break
+            chosen, stability = reduced_choice, reduced_stability
         rivals = [
             model
             for model in nameable
@@ -342,17 +340,8 @@ class PredictiveSelection:
             noise,
             self.fold_kind,
             len(self.folds),
-            are_substitutes(base, chosen, models),
+            has_substitutes,
         )
-
-
-def _find_supported_names(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> frozenset[Identity]:
-    """Return the names of ``chosen`` without which none of ``models``, larger or refused ones included, is as good.
-
-    The error of an imperfect law resembles many things, so a further name that something else can replace is none.
-    """
-    as_good = [model.identities for model in models if model.error <= MAX_RIVAL_RATIO * chosen.error]
-    return frozenset(name for name in chosen.identities if all(name in names for names in as_good))
 
 
 def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], residuals: Residuals) -> WeightedData:
