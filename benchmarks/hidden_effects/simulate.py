@@ -59,7 +59,7 @@ def simulate_trace(
     n = (len(program.length) - 1) * air_steps + 1
     command, command_step = program.command, SAMPLE_INTERVAL
     if air.regulator_is_upstream != 0.0:
-        # No motion changes the pressure before the needle, so its course is known.
+        # No motion changes the pressure before the needle, so it is known in advance.
         command, command_step = simulate_pressure(command, command_step, n, air), AIR_STEP
         air = air._replace(gain=1.0, offset=0.0, dead_time=0.0)
     if is_coupled_to_motion(air):

@@ -5,7 +5,7 @@
 
 For each form of the catalogue a dataset without noise is made: of the bench with the effect in the device file, or of
 walks with the effect in the rig. The device with the true numbers is simulated as in ``klute-sim diagnose``. What
-remains is its error: time step, the course of the inputs between samples, and differences between the two programs. It
+remains is its error: time step, the interpolation of the inputs, and differences between the two programs. It
 is stated over the noise of the benchmark's instruments; a misfit is relevant from a quarter of the noise on.
 """
 

@@ -60,12 +60,12 @@ def write_dataset(
     device: str = "klute-3-4-pair",
     distort: Mapping[str, object] | None = None,
     muscle_length: bool = False,
-    holds_command: bool = False,
+    has_zero_order_hold: bool = False,
 ) -> Path:
     """Write a dataset to ``folder``.
 
     ``distort`` (channel -> function of time and value) are instrument errors. The command is linear between its
-    samples, or, with ``holds_command``, held until the next one.
+    samples, or, with ``has_zero_order_hold``, held until the next one.
     """
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
@@ -78,7 +78,7 @@ def write_dataset(
         fine_time = np.arange(1, (len(time) - 1) * STEPS_PER_SAMPLE + 1) * INTERVAL / STEPS_PER_SAMPLE
         initial_state = compute_equilibrium_state(parameters, float(length[0]), float(command[0]))
         fine_command = np.interp(fine_time, time, command)
-        if holds_command:
+        if has_zero_order_hold:
             fine_command = np.repeat(command[:-1], STEPS_PER_SAMPLE)
         inputs = fine_length[1:], fine_command
         response = simulate_rollouts(parameters, *inputs, INTERVAL / STEPS_PER_SAMPLE, initial_state=initial_state)

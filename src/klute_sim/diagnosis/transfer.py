@@ -83,10 +83,12 @@ def predict_dataset(diagnosis: Diagnosis, dataset: Dataset, n_jobs: int = 0) -> 
     for term in final_hypothesis.terms:
         _check_joint(term, diagnosis.dataset, dataset)
     experiments = [replace(e, use="fit") for e in prepare_experiments(dataset, split_dataset(dataset))]
-    if any(e.holds_command for e in diagnosis.experiments):
-        # A command that is linear in the diagnosis has a variant that is held.
-        holds_all = not any(e.held_variant for e in diagnosis.experiments)
-        experiments = [(e.held_variant or e) if holds_all or e.has_stepped_command else e for e in experiments]
+    if any(e.has_zero_order_hold for e in diagnosis.experiments):
+        # A command that is linear in the diagnosis has a variant with a zero-order hold.
+        all_have_hold = not any(e.zero_order_hold_variant for e in diagnosis.experiments)
+        experiments = [
+            (e.zero_order_hold_variant or e) if all_have_hold or e.has_stepped_command else e for e in experiments
+        ]
     nominal = Hypothesis(dataset.device, (), ())
     base_hypothesis, base_x = _detach_setup(diagnosis.base_fit, dataset)
     if not diagnosis.added_terms:  # the final fit is the base fit with smaller tolerances

@@ -15,6 +15,12 @@ from klute_sim.datasets.dataset import Dataset, split_dataset
 from klute_sim.datasets.split import Split
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.absent_effect import remove_absent_effects
+from klute_sim.diagnosis.command_interpolation import (
+    Outcome,
+    Preparation,
+    prepare_zero_order_hold,
+    select_command_interpolation,
+)
 from klute_sim.diagnosis.condition_registration import describe_condition_registration
 from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
@@ -34,12 +40,6 @@ from klute_sim.diagnosis.fitting.fit_cache import FitCache
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.held_commands import (
-    Outcome,
-    Preparation,
-    prepare_held_commands,
-    select_command_course,
-)
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.imperfect_law import (
     compute_jackknife_intervals,
@@ -140,12 +140,12 @@ def _run_workflow(
         return _search_model(dataset, prepared, options, progress)
 
     linear = prepare(experiments)
-    held = prepare_held_commands(linear, prepare)
-    outcome = search_model(held[0] if held else linear)
-    if held:
-        reasons.append(held[1])
+    hold = prepare_zero_order_hold(linear, prepare)
+    outcome = search_model(hold[0] if hold else linear)
+    if hold:
+        reasons.append(hold[1])
     elif outcome.selected.verdict != "nothing-missing":
-        outcome, remarks = select_command_course(outcome, prepare, search_model, progress)
+        outcome, remarks = select_command_interpolation(outcome, prepare, search_model, progress)
         reasons += remarks
     reasons += outcome.remarks
     experiments, data, search, base_fit, selected, _ = outcome

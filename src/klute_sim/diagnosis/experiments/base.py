@@ -214,17 +214,17 @@ class Experiment(ABC):
     """Specimen of the device that was measured."""
     devices: Mapping[str, Device] = field(default_factory=dict)
     """Tendon -> device of a mechanism; empty on a rig with one device."""
-    holds_command: bool = False
-    """Whether each command is held until the next sample; otherwise it is linear between samples."""
+    has_zero_order_hold: bool = False
+    """Whether each command is held until the next sample (zero-order hold); otherwise it is interpolated linearly."""
     has_stepped_command: bool = False
     """Whether each command that changes does so in steps, between which it is constant."""
     noisy_variants: "tuple[Experiment, ...]" = ()
     """For each prescribed channel with stated noise: the trial with this channel off by one standard deviation."""
 
     @property
-    def held_noisy_variants(self) -> "tuple[Experiment, ...]":
-        """The :attr:`noisy_variants` with commands that are held until the next sample."""
-        return tuple(variant.held_variant or variant for variant in self.noisy_variants)
+    def zero_order_hold_noisy_variants(self) -> "tuple[Experiment, ...]":
+        """The :attr:`noisy_variants` with a zero-order hold of the commands."""
+        return tuple(variant.zero_order_hold_variant or variant for variant in self.noisy_variants)
 
     @property
     def duration(self) -> float:
@@ -262,12 +262,12 @@ class Experiment(ABC):
 
     @property
     def input_variants(self) -> "tuple[tuple[Experiment, ...], ...]":
-        """For each input with samples far apart: the trial with other courses of this input between its samples."""
+        """For each input with samples far apart: the trial with other interpolations of this input."""
         return ()
 
     @property
-    def held_variant(self) -> "Experiment | None":
-        """The same trial with commands that are held until the next sample; None where that changes nothing."""
+    def zero_order_hold_variant(self) -> "Experiment | None":
+        """The same trial with a zero-order hold of the commands; None where that changes nothing."""
         return None
 
     @property

@@ -29,7 +29,7 @@ from klute_sim.diagnosis.experiments.base import (
 )
 from klute_sim.diagnosis.experiments.denoise import denoise
 from klute_sim.diagnosis.experiments.interpolation import (
-    hold_command,
+    apply_zero_order_hold,
     interpolate_smoothly,
     list_other_commands,
     list_other_lengths,
@@ -65,11 +65,11 @@ class BenchExperiment(Experiment):
     initial_pressure: float | None = field(default=None, kw_only=True)
     """Measured pressure [Pa] at the start of a trial that does not begin at rest; None: that of the command."""
     other_lengths: tuple[Array, ...] = field(default=(), kw_only=True)
-    """Other courses of the length [m] between samples that are far apart."""
+    """Other interpolations of the length [m] between samples that are far apart."""
     other_commands: tuple[Array, ...] = field(default=(), kw_only=True)
-    """Other courses of the command [Pa] between samples that are far apart."""
-    held_command: Array | None = field(default=None, kw_only=True)
-    """Command [Pa] that is held until the next sample, one value per time step; None where it is constant."""
+    """Other interpolations of the command [Pa] between samples that are far apart."""
+    zero_order_hold_command: Array | None = field(default=None, kw_only=True)
+    """Command [Pa] with a zero-order hold, one value per time step; None where it is constant."""
     supply_substeps: int = field(default=SUPPLY_SUBSTEPS, kw_only=True)
     """Divisor of the time step for a supply with a valve or a tank."""
 
@@ -87,7 +87,7 @@ class BenchExperiment(Experiment):
             command=command,
             other_lengths=(),
             other_commands=(),
-            held_command=None,
+            zero_order_hold_command=None,
             supply_substeps=1,
         )
 
@@ -111,17 +111,17 @@ class BenchExperiment(Experiment):
         return tuple(variants for variants in by_input if variants)
 
     @property
-    def held_variant(self) -> Experiment | None:
-        """The trial with a command that is held until the next sample; None where it is constant."""
-        if self.held_command is None:
+    def zero_order_hold_variant(self) -> Experiment | None:
+        """The trial with a zero-order hold of the command; None where it is constant."""
+        if self.zero_order_hold_command is None:
             return None
         return replace(
             self,
-            command=self.held_command,
-            held_command=None,
+            command=self.zero_order_hold_command,
+            zero_order_hold_command=None,
             other_commands=(),
-            holds_command=True,
-            noisy_variants=self.held_noisy_variants,
+            has_zero_order_hold=True,
+            noisy_variants=self.zero_order_hold_noisy_variants,
         )
 
     @property
@@ -226,7 +226,7 @@ def prepare_bench_trial(trial: Trial, use: Use) -> BenchExperiment:
         initial_pressure=_estimate_initial_pressure(trial, start_time) if is_moving else None,
         other_lengths=list_other_lengths(time, length),
         other_commands=list_other_commands(time, command),
-        held_command=hold_command(time, dt, command),
+        zero_order_hold_command=apply_zero_order_hold(time, dt, command),
         trusted=trial.trusted,
         limits=trial.limits,
         specimen=trial.specimen,

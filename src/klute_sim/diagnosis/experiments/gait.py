@@ -18,7 +18,7 @@ from klute_sim.diagnosis.experiments.base import (
     SimulationSetup,
     select_samples,
 )
-from klute_sim.diagnosis.experiments.interpolation import hold_command
+from klute_sim.diagnosis.experiments.interpolation import apply_zero_order_hold
 from klute_sim.diagnosis.experiments.registration import (
     NO_REGISTRATION_ERROR,
     REGISTRATION_DEVIATIONS,
@@ -77,8 +77,8 @@ class GaitExperiment(Experiment):
     """Mean stride time over all repeats [s]."""
     foot_change: Callable[[Foot], Foot] | None = field(default=None, kw_only=True)
     """Known change of the foot, after all effects; None without one."""
-    held_command: Array | None = field(default=None, kw_only=True)
-    """Command [Pa] that is held until its next sample, one value per time step; None for a constant one."""
+    zero_order_hold_command: Array | None = field(default=None, kw_only=True)
+    """Command [Pa] with a zero-order hold, one value per time step; None for a constant one."""
 
     @cached_property
     def coarse_variant(self) -> Experiment:
@@ -95,7 +95,7 @@ class GaitExperiment(Experiment):
             inputs=inputs,
             smoothed_inputs=smoothed_inputs,
             command=self.command[::COARSE_STEP_FACTOR],
-            held_command=None,
+            zero_order_hold_command=None,
             load=self.load.map(lambda series: series[::COARSE_STEP_FACTOR]),
         )
 
@@ -105,16 +105,16 @@ class GaitExperiment(Experiment):
         return (replace(self, inputs=self.smoothed_inputs),)
 
     @property
-    def held_variant(self) -> Experiment | None:
-        """The trial with a command that is held until its next sample; None where it is constant."""
-        if self.held_command is None:
+    def zero_order_hold_variant(self) -> Experiment | None:
+        """The trial with a zero-order hold of the command; None where it is constant."""
+        if self.zero_order_hold_command is None:
             return None
         return replace(
             self,
-            command=self.held_command,
-            held_command=None,
-            holds_command=True,
-            noisy_variants=self.held_noisy_variants,
+            command=self.zero_order_hold_command,
+            zero_order_hold_command=None,
+            has_zero_order_hold=True,
+            noisy_variants=self.zero_order_hold_noisy_variants,
         )
 
     @property
@@ -245,7 +245,7 @@ def prepare_gait_trial(trial: Trial, use: Use) -> GaitExperiment:
         start_time=motion.start_time,
         dt=TIME_STEP,
         command=inputs.pressure_command,
-        held_command=hold_command(time + TIME_STEP, TIME_STEP, motion.pressure_command),
+        zero_order_hold_command=apply_zero_order_hold(time + TIME_STEP, TIME_STEP, motion.pressure_command),
         measured=_exclude_contact_changes(samples, motion),
         trusted=trial.trusted,
         limits=trial.limits,

@@ -1,13 +1,13 @@
-"""Course of prescribed channels between their samples.
+"""Interpolation of prescribed channels between their samples.
 
 Prescribed channels are denoised only where that is safe (:mod:`klute_sim.diagnosis.experiments.denoise`): a smooth
 curve through the noise of a quick release would have a larger error than its samples. A command whose log shows the
-updates of a digital controller (:func:`shows_updates`) is held until its next sample. Any other is linear between its
-samples, or held, as the data decide: a controller that sets it at each sample holds it, and straight lines begin up to
-a sampling interval early. The length follows a curve, because a machine has mass: a straight
-line would be short by up to ``a h^2 / 8`` for an acceleration of a and a sampling interval of h, which is 0.04 mm at
-12 m/s^2 and 200 Hz, in all repeats alike. The curve does not overshoot where a motion ends in a hold (modified Akima
-interpolation).
+updates of a digital controller (:func:`shows_updates`) is held until its next sample (zero-order hold). Any other is
+interpolated linearly or with a zero-order hold, as the data decide: a controller that sets it at each sample holds it,
+and linear interpolation begins up to a sampling interval early. The length follows a curve, because a machine has mass:
+a straight line would be short by up to ``a h^2 / 8`` for an acceleration of a and a sampling interval of h, which is
+0.04 mm at 12 m/s^2 and 200 Hz, in all repeats alike. The curve does not overshoot where a motion ends in a hold
+(modified Akima interpolation).
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from klute_sim.diagnosis.experiments.denoise import denoise
 from klute_sim.types import Array
 
 MAX_DENSE_INTERVAL = 0.0075
-"""Largest sampling interval of the inputs [s] between whose samples their course is known well enough (assumed). At
+"""Largest sampling interval of the inputs [s] between whose samples they are known well enough (assumed). At
 100 Hz, a curve and straight lines between samples of a 4 Hz motion differ by 0.3 times the noise of a load cell."""
 MIN_UPDATES = 20
 """Smallest number of changes of a command that show the updates of a controller (assumed)."""
@@ -33,7 +33,7 @@ noise)."""
 
 
 def list_other_lengths(time: Array, length: TimeSeries) -> tuple[Array, ...]:
-    """Return other courses of the length [m] at ``time`` [s]: straight lines, and lines that meet in corners.
+    """Return other interpolations of the length [m] at ``time`` [s]: straight lines, and lines that meet in corners.
 
     None where samples are dense.
     """
@@ -73,8 +73,8 @@ def interpolate_smoothly(time: Array, sample_time: Array, samples: Array) -> Arr
     return np.asarray(curve(np.clip(time, sample_time[0], sample_time[-1])), np.float64)
 
 
-def hold_command(time: Array, dt: float, command: TimeSeries) -> Array | None:
-    """Return ``command`` [Pa] in the time steps that end at ``time`` [s], held until its next sample: (steps,).
+def apply_zero_order_hold(time: Array, dt: float, command: TimeSeries) -> Array | None:
+    """Return ``command`` [Pa] in the time steps that end at ``time`` [s], with a zero-order hold: (steps,).
 
     ``dt`` is the time step [s]. Returns None for a constant command.
     """
@@ -113,7 +113,7 @@ def changes_in_steps(command: TimeSeries) -> bool:
 
 
 def list_other_commands(time: Array, command: TimeSeries) -> tuple[Array, ...]:
-    """Return other courses of the command [Pa] at ``time`` [s]: it may have stepped at once or at the last moment."""
+    """Return other interpolations of the command [Pa] at ``time`` [s]: it may have stepped at once or at the end."""
     if command.sampling_interval <= MAX_DENSE_INTERVAL:
         return ()
     values = denoise(command.time, command.value)

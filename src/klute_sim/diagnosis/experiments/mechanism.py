@@ -36,7 +36,7 @@ from klute_sim.diagnosis.experiments.initial_motion import (
     interpolate_finite,
     read_initial_pressures,
 )
-from klute_sim.diagnosis.experiments.interpolation import hold_command, list_other_commands
+from klute_sim.diagnosis.experiments.interpolation import apply_zero_order_hold, list_other_commands
 from klute_sim.errors import InputError
 from klute_sim.mechanism.assembly import Binding, Mechanism, compute_unit_lengths
 from klute_sim.mechanism.simulate import simulate_mechanism
@@ -64,9 +64,9 @@ class MechanismExperiment(Experiment):
     inputs: Mapping[str, Array] = field(kw_only=True)
     """Prescribed channel -> values [SI], one per time step."""
     other_inputs: tuple[tuple[Mapping[str, Array], ...], ...] = field(default=(), kw_only=True)
-    """For each command with samples far apart: the inputs with its other courses between the samples."""
-    held_commands: Mapping[str, Array] = field(default_factory=dict, kw_only=True)
-    """Command that is not constant -> values [Pa] that are held until the next sample, one per time step."""
+    """For each command with samples far apart: the inputs with its other interpolations."""
+    zero_order_hold_commands: Mapping[str, Array] = field(default_factory=dict, kw_only=True)
+    """Command that is not constant -> values [Pa] with a zero-order hold, one per time step."""
     numbers: Mapping[str, float] = field(kw_only=True)
     """Numbers of the model that differ from its file."""
     initial_positions: Mapping[str, float] = field(kw_only=True)
@@ -89,24 +89,24 @@ class MechanismExperiment(Experiment):
             command=self.command[factor - 1 :: factor],
             unit_length=None if self.unit_length is None else self.unit_length[factor - 1 :: factor],
             other_inputs=(),
-            held_commands={},
+            zero_order_hold_commands={},
         )
 
     @property
-    def held_variant(self) -> Experiment | None:
-        """The trial with commands that are held until the next sample; None where all are constant."""
-        if not self.held_commands:
+    def zero_order_hold_variant(self) -> Experiment | None:
+        """The trial with a zero-order hold of the commands; None where all are constant."""
+        if not self.zero_order_hold_commands:
             return None
         name = next(name for name, values in self.inputs.items() if values is self.command)
-        inputs = {**self.inputs, **self.held_commands}
+        inputs = {**self.inputs, **self.zero_order_hold_commands}
         return replace(
             self,
             inputs=inputs,
             command=inputs[name],
             other_inputs=(),
-            held_commands={},
-            holds_command=True,
-            noisy_variants=self.held_noisy_variants,
+            zero_order_hold_commands={},
+            has_zero_order_hold=True,
+            noisy_variants=self.zero_order_hold_noisy_variants,
         )
 
     @property
@@ -251,12 +251,13 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
     other_inputs = tuple(
         tuple({**inputs, name: values} for values in variants)
         for name, samples in series.items()
-        if (variants := _list_other_courses(name, samples, time))
+        if (variants := _list_other_interpolations(name, samples, time))
     )
-    held_commands = {
-        name: held
+    zero_order_hold_commands = {
+        name: values
         for name, samples in series.items()
-        if parse_channel(name).quantity == "pressure_command" and (held := hold_command(time, dt, samples)) is not None
+        if parse_channel(name).quantity == "pressure_command"
+        and (values := apply_zero_order_hold(time, dt, samples)) is not None
     }
     pressure_name = next(n for n, b in mechanism.bindings.items() if b.name == next(iter(declared.devices)))
     positions = {
@@ -291,7 +292,7 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         outputs={name: binding for name, binding in outputs.items() if name in trial.measured},
         inputs=inputs,
         other_inputs=other_inputs,
-        held_commands=held_commands,
+        zero_order_hold_commands=zero_order_hold_commands,
         numbers=trial.model_numbers,
         initial_positions=initial_positions | dict(stated.positions),
         initial_velocities=velocities,
@@ -309,7 +310,7 @@ def _interpolate(name: str, samples: TimeSeries, time: Array) -> Array:
     return np.interp(time, samples.time, values)
 
 
-def _list_other_courses(name: str, samples: TimeSeries, time: Array) -> tuple[Array, ...]:
+def _list_other_interpolations(name: str, samples: TimeSeries, time: Array) -> tuple[Array, ...]:
     is_command = parse_channel(name).quantity == "pressure_command"
     return list_other_commands(time, samples) if is_command else ()
 

@@ -55,11 +55,11 @@ def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
     commands = [
         s for name, s in trial.prescribed.items() if name.startswith("pressure_command") and np.ptp(s.value) > 0
     ]
-    is_held = any(map(shows_updates, commands))
+    shows_hold = any(map(shows_updates, commands))
 
     def prepare(trial: Trial, use: Use) -> Experiment:
         experiment = prepare_linear(trial, use)
-        return (experiment.held_variant or experiment) if is_held else experiment
+        return (experiment.zero_order_hold_variant or experiment) if shows_hold else experiment
 
     variants = []
     for channel, deviation in trial.input_noise.items():

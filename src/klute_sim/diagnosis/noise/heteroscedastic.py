@@ -25,7 +25,7 @@ MIN_VARIANCE_FRACTION = 0.05
 """Lower limit of the variance, as a fraction of its mean (assumed)."""
 INPUT_ERROR_SIGMAS = 8.0
 """Factor on the difference between two interpolations of the inputs, which then counts as noise: twice the inverse of
-the smallest relevant misfit (a quarter of the noise), because the true course may differ more."""
+the smallest relevant misfit (a quarter of the noise), because the true input may differ more."""
 MAX_REPEATED_RATIO = 1.5
 """Ratio of the stated variance to that between repeats above which repeats share a part of it (assumed: repeats measure
 their variance to within a half)."""
@@ -112,7 +112,7 @@ def add_noise_scales(
 
 
 def _describe_slow_inputs(trials: Sequence[str]) -> list[str]:
-    """Return a sentence about ``trials`` in which other courses of the inputs between samples matter, if any."""
+    """Return a sentence about ``trials`` in which other interpolations of the inputs matter, if any."""
     if not trials:
         return []
     return [
@@ -141,9 +141,9 @@ def _compute_input_errors(
 ) -> list[dict[str, Array]]:
     """Return for each experiment: channel -> variance [SI^2] that counts for the inputs between their samples.
 
-    The inputs between samples are unknown. The mean square change with other valid courses of an input, added over
-    inputs, is the same in all repeats; times :data:`INPUT_ERROR_SIGMAS` squared, it counts as noise, so that it cannot
-    look like a misfit.
+    The inputs between samples are unknown. The mean square change with other valid interpolations of an input, added
+    over inputs, is the same in all repeats; times :data:`INPUT_ERROR_SIGMAS` squared, it counts as noise, so that it
+    cannot look like a misfit.
     """
     errors = []
     for e, row in zip(experiments, rows, strict=True):

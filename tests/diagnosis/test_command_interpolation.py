@@ -1,4 +1,4 @@
-"""Commands that a controller holds from sample to sample: they are no delay of the device."""
+"""Commands with a zero-order hold (held until the next sample): it is no delay of the device."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +11,7 @@ import pytest
 from klute_sim.datasets.dataset import load_dataset, split_dataset
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
-from klute_sim.diagnosis import held_commands, workflow
+from klute_sim.diagnosis import command_interpolation, workflow
 from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.interpolation import changes_in_steps, shows_updates
@@ -27,19 +27,19 @@ from tests.diagnosis.test_trial_quality import make_trial
 INTERVAL_S = 0.005
 
 
-def test_held_command_changes_at_its_samples() -> None:
+def test_zero_order_hold_changes_at_its_samples() -> None:
     command = np.repeat([1e5, 3e5, 2e5], 40)
     linear = prepare_bench_trial(make_trial(INTERVAL_S, command), "fit")
-    held = linear.held_variant
-    assert isinstance(held, BenchExperiment)
-    assert held.holds_command
-    assert held.held_variant is None
-    ends = linear.start_time + linear.dt * np.arange(1, len(held.command) + 1)
+    hold = linear.zero_order_hold_variant
+    assert isinstance(hold, BenchExperiment)
+    assert hold.has_zero_order_hold
+    assert hold.zero_order_hold_variant is None
+    ends = linear.start_time + linear.dt * np.arange(1, len(hold.command) + 1)
     is_after = ends > 40 * INTERVAL_S + 0.5 * linear.dt  # the step ends after the sample with the new value
-    assert (held.command[is_after & (ends < 79 * INTERVAL_S)] == 3e5).all()
-    assert (held.command[~is_after] == 1e5).all()
+    assert (hold.command[is_after & (ends < 79 * INTERVAL_S)] == 3e5).all()
+    assert (hold.command[~is_after] == 1e5).all()
     assert np.ptp(linear.command[(ends > 39 * INTERVAL_S) & ~is_after]) > 1.8e5  # straight lines begin earlier
-    assert held.coarse_variant.command == pytest.approx(held.command[1::2])
+    assert hold.coarse_variant.command == pytest.approx(hold.command[1::2])
 
 
 RNG = np.random.default_rng(0)
@@ -65,57 +65,57 @@ def test_log_shows_the_updates_of_a_controller(command: np.ndarray, expected: bo
     assert shows_updates(TimeSeries(INTERVAL_S * np.arange(len(command)), command)) is expected
 
 
-def test_constant_command_has_no_other_course() -> None:
-    assert prepare_bench_trial(make_trial(INTERVAL_S, np.full(120, 2e5)), "fit").held_variant is None
+def test_constant_command_has_no_zero_order_hold() -> None:
+    assert prepare_bench_trial(make_trial(INTERVAL_S, np.full(120, 2e5)), "fit").zero_order_hold_variant is None
 
 
-def test_samples_of_held_commands_count_in_full() -> None:
-    """How a held command is interpolated is known, so that no sample is uncertain because of it."""
+def test_samples_with_zero_order_hold_count_in_full() -> None:
+    """The interpolation with a zero-order hold is known, so that no sample is uncertain because of it."""
     trial = prepare_bench_trial(make_trial(0.05, np.linspace(1e5, 3e5, 120)), "fit")
-    held = trial.held_variant
-    assert held is not None
+    hold = trial.zero_order_hold_variant
+    assert hold is not None
     assert trial.input_variants
-    assert len(held.input_variants) == len(trial.input_variants) - 1
+    assert len(hold.input_variants) == len(trial.input_variants) - 1
 
 
-def test_noisy_variants_of_held_commands_are_held(tmp_path: Path) -> None:
-    """Else the course between samples would count as noise of the command."""
+def test_noisy_variants_have_the_zero_order_hold(tmp_path: Path) -> None:
+    """Else the interpolation between samples would count as noise of the command."""
     folder = write_dataset(tmp_path / "data", groups=("fit_1",), repeats=1, seconds=1.0)
     text = (folder / "dataset.toml").read_text()
     (folder / "dataset.toml").write_text(
         text.replace("[uncertain]", '[noise]\npressure_command = "2 kPa"\n[uncertain]')
     )
     data = load_dataset(folder)
-    held = prepare_experiments(data, split_dataset(data))[0].held_variant
-    assert held is not None
-    (variant,) = held.noisy_variants
-    np.testing.assert_allclose(variant.command - held.command, 2e3, atol=1.0)
+    hold = prepare_experiments(data, split_dataset(data))[0].zero_order_hold_variant
+    assert hold is not None
+    (variant,) = hold.noisy_variants
+    np.testing.assert_allclose(variant.command - hold.command, 2e3, atol=1.0)
 
 
-def test_every_command_of_a_joint_is_held(tmp_path: Path) -> None:
+def test_every_command_of_a_joint_has_a_zero_order_hold(tmp_path: Path) -> None:
     experiments, _ = prepare(tmp_path / "data", **SHORT)
     linear = experiments[0]
-    held = linear.held_variant
+    hold = linear.zero_order_hold_variant
     assert isinstance(linear, MechanismExperiment)
-    assert isinstance(held, MechanismExperiment)
-    assert held.held_variant is None
-    assert held.input_variants == ()
-    commands = [name for name in held.inputs if name.startswith("pressure_command")]
+    assert isinstance(hold, MechanismExperiment)
+    assert hold.zero_order_hold_variant is None
+    assert hold.input_variants == ()
+    commands = [name for name in hold.inputs if name.startswith("pressure_command")]
     assert len(commands) == 2
-    assert held.command is held.inputs[commands[0]]
+    assert hold.command is hold.inputs[commands[0]]
     for name in commands:
-        assert not np.array_equal(held.inputs[name], linear.inputs[name])
-        assert set(np.round(held.inputs[name])) <= {round(v) for v in linear.inputs[name]}  # values of samples only
+        assert not np.array_equal(hold.inputs[name], linear.inputs[name])
+        assert set(np.round(hold.inputs[name])) <= {round(v) for v in linear.inputs[name]}  # values of samples only
 
 
 def make_outcome(
     names: str, *, bic: float = 0.0, verdict: str = "identified", is_imperfect: bool = False, shift_gain: float = 0.0
 ) -> Any:
-    """Return the stand-in of an outcome that names effects; its trial has a variant with a held command."""
+    """Return the stand-in of an outcome that names effects; its trial has a variant with a zero-order hold."""
     terms = tuple(SimpleNamespace(effect=name) for name in names.split())
-    held = SimpleNamespace(use="fit", measured=True)
+    hold = SimpleNamespace(use="fit", measured=True)
     return SimpleNamespace(
-        experiments=[SimpleNamespace(held_variant=held, has_stepped_command=True, use="fit", measured=True)],
+        experiments=[SimpleNamespace(zero_order_hold_variant=hold, has_stepped_command=True, use="fit", measured=True)],
         data=SimpleNamespace(with_experiments=lambda experiments: None, noise={}),
         base_fit=SimpleNamespace(chi2=1.0, hypothesis=None, x=None),
         search=SimpleNamespace(bic_threshold=6.0),
@@ -125,7 +125,7 @@ def make_outcome(
             final_fit=SimpleNamespace(hypothesis=None, x=None),
         ),
         terms=terms,
-        n_time_shifts=sum(term.effect in held_commands.TIME_SHIFTS for term in terms),
+        n_time_shifts=sum(term.effect in command_interpolation.TIME_SHIFTS for term in terms),
         compute_bic=lambda data: bic,
         compute_shift_gain=lambda: shift_gain,
     )
@@ -134,27 +134,27 @@ def make_outcome(
 def replace_computations(monkeypatch: pytest.MonkeyPatch, *, chi2: float, has_repeats: bool = True) -> None:
     """Replace what needs trials, which the stand-ins of outcomes lack; the residual of a fit is the rms of its misfit.
 
-    ``chi2`` is that of held commands.
+    ``chi2`` is that of a zero-order hold.
     """
-    monkeypatch.setattr(held_commands, "has_repeats", lambda experiments: has_repeats)
-    monkeypatch.setattr(held_commands, "_compute_chi2", lambda data, fit: chi2)
-    monkeypatch.setattr(held_commands, "_copy_weights", lambda data, weighted: data)
-    monkeypatch.setattr(held_commands, "_fit_gauges_and_supply", lambda prepared: prepared)
+    monkeypatch.setattr(command_interpolation, "has_repeats", lambda experiments: has_repeats)
+    monkeypatch.setattr(command_interpolation, "_compute_chi2", lambda data, fit: chi2)
+    monkeypatch.setattr(command_interpolation, "_copy_weights", lambda data, weighted: data)
+    monkeypatch.setattr(command_interpolation, "_fit_gauges_and_supply", lambda prepared: prepared)
 
     def estimate(experiments: Any, rms: float, noise: Mapping[str, Noise]) -> dict[str, Misfit]:
         return {channel: Misfit(rms, 9.0, 400.0) for channel in noise} if has_repeats else {}
 
-    monkeypatch.setattr(held_commands, "estimate_misfit", estimate)
+    monkeypatch.setattr(command_interpolation, "estimate_misfit", estimate)
 
 
-def select_course(linear: Any, held: Any) -> tuple[Any, list[str]]:
-    return held_commands.select_command_course(
-        linear, lambda trials: held, lambda prepared: held, lambda fraction, stage: None
+def select_interpolation(linear: Any, hold: Any) -> tuple[Any, list[str]]:
+    return command_interpolation.select_command_interpolation(
+        linear, lambda trials: hold, lambda prepared: hold, lambda fraction, stage: None
     )
 
 
 @pytest.mark.parametrize(
-    ("linear", "held", "is_held"),
+    ("linear", "hold", "is_hold"),
     [
         pytest.param(make_outcome("leak"), make_outcome("leak", bic=-7.0), True, id="better"),
         pytest.param(make_outcome("leak"), make_outcome("leak", bic=-5.0), False, id="hardly better"),
@@ -185,68 +185,68 @@ def select_course(linear: Any, held: Any) -> tuple[Any, list[str]]:
         ),
     ],
 )  # fmt: skip
-def test_held_command_is_taken_where_it_explains_the_data_better(
-    linear: Any, held: Any, is_held: bool, monkeypatch: pytest.MonkeyPatch
+def test_zero_order_hold_is_selected_where_it_explains_the_data_better(
+    linear: Any, hold: Any, is_hold: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     replace_computations(monkeypatch, chi2=0.0, has_repeats=False)
-    outcome, remarks = select_course(linear, held)
-    assert outcome is (held if is_held else linear)
-    assert len(remarks) == is_held
+    outcome, remarks = select_interpolation(linear, hold)
+    assert outcome is (hold if is_hold else linear)
+    assert len(remarks) == is_hold
 
 
 @pytest.mark.parametrize(
-    ("linear_misfit", "held_misfit", "is_held"),
+    ("linear_misfit", "hold_misfit", "is_hold"),
     [
-        pytest.param(0.05e5, 0.0, True, id="the pressure agrees with held commands only"),
+        pytest.param(0.05e5, 0.0, True, id="the pressure agrees with the zero-order hold only"),
         pytest.param(0.0, 0.0, False, id="with both"),
         pytest.param(0.05e5, 0.05e5, False, id="with neither: the supply lacks something, too"),
     ],
 )
 def test_pressure_decides_where_the_law_of_the_muscle_is_imperfect(
-    linear_misfit: float, held_misfit: float, is_held: bool, monkeypatch: pytest.MonkeyPatch
+    linear_misfit: float, hold_misfit: float, is_hold: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No imperfect law of a muscle is in its pressure; a hose was named for the course of the command before."""
-    linear, held = (
+    """No imperfect law of a muscle is in its pressure; a hose was named for the interpolation of the command before."""
+    linear, hold = (
         make_outcome(name, verdict=verdict, bic=bic, is_imperfect=True)
         for name, verdict, bic in (("hose", "indistinguishable", 0.0), ("leak", "unexplained", -90.0))
     )
-    for outcome, rms in ((linear, linear_misfit), (held, held_misfit)):
+    for outcome, rms in ((linear, linear_misfit), (hold, hold_misfit)):
         outcome.data.experiments, outcome.data.noise = [], {"pressure": None, "force": None}
         outcome.data.compute_residuals = lambda hypothesis, points, rms=rms: [rms]
     replace_computations(monkeypatch, chi2=0.0)
-    outcome, remarks = select_course(linear, held)
-    assert outcome is (held if is_held else linear)
-    assert [remark.endswith("agrees with held ones only.") for remark in remarks] == [True] * is_held
-    prepared = held_commands.prepare_held_commands(linear, lambda trials: held)
-    assert prepared == ((held, remarks[0]) if is_held else None)
+    outcome, remarks = select_interpolation(linear, hold)
+    assert outcome is (hold if is_hold else linear)
+    assert [remark.endswith("agrees with this only.") for remark in remarks] == [True] * is_hold
+    prepared = command_interpolation.prepare_zero_order_hold(linear, lambda trials: hold)
+    assert prepared == ((hold, remarks[0]) if is_hold else None)
 
 
 @pytest.mark.parametrize(
-    ("held_misfit", "stepped_misfit", "expected"),
-    [(0.05e5, 0.0, "stepped"), (0.0, 0.0, "held"), (0.05e5, 0.05e5, "")],
+    ("hold_misfit", "stepped_misfit", "expected"),
+    [(0.05e5, 0.0, "stepped"), (0.0, 0.0, "hold"), (0.05e5, 0.05e5, "")],
     ids=["in trials with steps only", "in all trials", "in none"],
 )
-def test_pressure_decides_in_which_trials_commands_are_held(
-    held_misfit: float, stepped_misfit: float, expected: str, monkeypatch: pytest.MonkeyPatch
+def test_pressure_decides_which_trials_have_a_zero_order_hold(
+    hold_misfit: float, stepped_misfit: float, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A program that logs steps and sines at 200 Hz holds the steps until its next sample, and no sine."""
-    prepared = prepare_with_misfits(monkeypatch, linear=0.05e5, held=held_misfit, stepped=stepped_misfit)
+    prepared = prepare_with_misfits(monkeypatch, linear=0.05e5, hold=hold_misfit, stepped=stepped_misfit)
     assert prepared == expected
 
 
 @pytest.mark.parametrize(
     ("misfits", "expected"),
     [
-        ({"linear": 0.03e5, "held": 0.02e5, "stepped": 0.0}, "stepped"),
-        ({"linear": 0.03e5, "held": 0.0, "stepped": 0.0}, "held"),
-        ({"linear": 0.0, "held": 0.0, "stepped": 0.0}, ""),
-        ({"linear": 0.03e5, "held": 0.03e5, "stepped": 0.03e5}, ""),
+        ({"linear": 0.03e5, "hold": 0.02e5, "stepped": 0.0}, "stepped"),
+        ({"linear": 0.03e5, "hold": 0.0, "stepped": 0.0}, "hold"),
+        ({"linear": 0.0, "hold": 0.0, "stepped": 0.0}, ""),
+        ({"linear": 0.03e5, "hold": 0.03e5, "stepped": 0.03e5}, ""),
     ],
 )
-def test_wrong_gauge_does_not_hide_which_course_the_pressure_agrees_with(
+def test_wrong_gauge_does_not_hide_which_interpolation_the_pressure_agrees_with(
     misfits: dict[str, float], expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A gauge that reads 1 % too much leaves a misfit for every course."""
+    """A gauge that reads 1 % too much leaves a misfit for every interpolation."""
     left = dict.fromkeys(misfits, 0.05e5)
     assert prepare_with_misfits(monkeypatch, **left, with_gauges=misfits) == expected
 
@@ -255,15 +255,15 @@ def prepare_with_misfits(
     monkeypatch: pytest.MonkeyPatch,
     *,
     linear: float,
-    held: float,
+    hold: float,
     stepped: float,
     with_gauges: Mapping[str, float] | None = None,
 ) -> str:
-    """Return the course that is decided before the search, '' if none is, for misfits [Pa] of a measured pressure.
+    """Return the interpolation that the misfits [Pa] of a measured pressure decide before the search, '' if none.
 
     ``with_gauges`` are those with faults of the gauges and delays of the supply; None: the same.
     """
-    left = {"linear": linear, "held": held, "stepped": stepped}
+    left = {"linear": linear, "hold": hold, "stepped": stepped}
     outcomes = {name: make_outcome("") for name in left}
     extended = {id(outcome): make_outcome("") for outcome in outcomes.values()}
     for name, outcome in outcomes.items():
@@ -271,20 +271,20 @@ def prepare_with_misfits(
             model.data.experiments, model.data.noise = [], {"pressure": None}
             model.data.compute_residuals = lambda hypothesis, points, rms=rms: [rms]
     step, sine = (
-        SimpleNamespace(held_variant=name, has_stepped_command=name == "step", use="fit", measured=True)
+        SimpleNamespace(zero_order_hold_variant=name, has_stepped_command=name == "step", use="fit", measured=True)
         for name in ("step", "sine")
     )
     outcomes["linear"].experiments = [step, sine]
     replace_computations(monkeypatch, chi2=0.0)
-    monkeypatch.setattr(held_commands, "_fit_gauges_and_supply", lambda prepared: extended[id(prepared)])
+    monkeypatch.setattr(command_interpolation, "_fit_gauges_and_supply", lambda prepared: extended[id(prepared)])
 
     def prepare_trials(trials: list[Any]) -> Any:
         if trials == ["step", "sine"]:
-            return outcomes["held"]
+            return outcomes["hold"]
         assert trials == ["step", sine]
         return outcomes["stepped"]
 
-    decided = held_commands.prepare_held_commands(outcomes["linear"], prepare_trials)
+    decided = command_interpolation.prepare_zero_order_hold(outcomes["linear"], prepare_trials)
     if decided is None:
         return ""
     name = next(name for name, outcome in outcomes.items() if outcome is decided[0])
@@ -308,105 +308,105 @@ def test_stepped_command_is_constant_between_its_steps(command: np.ndarray, expe
 
 
 @pytest.mark.parametrize(
-    ("linear_left", "held_left", "held_names", "is_held"),
+    ("linear_left", "hold_left", "hold_names", "is_hold"),
     [
-        pytest.param(0.05e5, 0.0, "number_error", True, id="with held commands, the names explain the pressure"),
+        pytest.param(0.05e5, 0.0, "number_error", True, id="with a zero-order hold, the names explain the pressure"),
         pytest.param(0.05e5, 0.0, "clock_skew", False, id="and a further shift in time"),
         pytest.param(0.0, 0.0, "number_error", False, id="with both"),
         pytest.param(0.05e5, 0.05e5, "number_error", False, id="with neither"),
     ],
 )
-def test_held_command_completes_the_names_of_a_pressure(
-    linear_left: float, held_left: float, held_names: str, is_held: bool, monkeypatch: pytest.MonkeyPatch
+def test_zero_order_hold_completes_the_names_of_a_pressure(
+    linear_left: float, hold_left: float, hold_names: str, is_hold: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A wrong rate of the supply hid that the commands are held: without it, straight lines fit better."""
+    """A wrong rate of the supply hid the zero-order hold: without it, linear interpolation fits better."""
     linear = make_outcome("leak", verdict="unexplained", is_imperfect=True)
-    held = make_outcome(held_names, verdict="identified-in-part", bic=-90.0, is_imperfect=True)
-    for outcome, rms in ((linear, linear_left), (held, held_left)):
+    hold = make_outcome(hold_names, verdict="identified-in-part", bic=-90.0, is_imperfect=True)
+    for outcome, rms in ((linear, linear_left), (hold, hold_left)):
         outcome.base_fit.x, outcome.selected.final_fit.x = 0.1e5, rms
         outcome.data.experiments, outcome.data.noise = [], {"pressure": Noise(2.0, ())}
         outcome.data.compute_residuals = lambda hypothesis, points: points
     replace_computations(monkeypatch, chi2=2.0)
-    outcome, _ = select_course(linear, held)
-    assert outcome is (held if is_held else linear)
+    outcome, _ = select_interpolation(linear, hold)
+    assert outcome is (hold if is_hold else linear)
 
 
-@pytest.mark.parametrize(("rms_without_names", "is_held"), [(0.1e5, True), (0.0, False)])
-def test_names_that_disturb_a_pressure_do_not_make_commands_held(
-    rms_without_names: float, is_held: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("rms_without_names", "is_hold"), [(0.1e5, True), (0.0, False)])
+def test_names_that_disturb_a_pressure_do_not_select_a_zero_order_hold(
+    rms_without_names: float, is_hold: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """For a mass that the device lacked, a delay of the supply was a proxy: only held commands with a late gauge then
-    agreed with pressures that linear commands explain without any name."""
+    """For a mass that the device lacked, a delay of the supply was a proxy: only a zero-order hold with a late gauge
+    then agreed with pressures that linear interpolation explains without any name."""
     linear = make_outcome("clock_skew pressure_delay", verdict="unexplained", is_imperfect=True)
-    held = make_outcome("clock_skew pressure_delay", verdict="identified-in-part", bic=9.0, is_imperfect=True)
-    for outcome, without_names, with_names in ((linear, rms_without_names, 0.05e5), (held, 0.1e5, 0.0)):
+    hold = make_outcome("clock_skew pressure_delay", verdict="identified-in-part", bic=9.0, is_imperfect=True)
+    for outcome, without_names, with_names in ((linear, rms_without_names, 0.05e5), (hold, 0.1e5, 0.0)):
         outcome.base_fit.x, outcome.selected.final_fit.x = without_names, with_names
         outcome.data.experiments, outcome.data.noise = [], {"pressure": Noise(2.0, ())}
         outcome.data.compute_residuals = lambda hypothesis, points: points
     replace_computations(monkeypatch, chi2=2.0)
-    outcome, _ = select_course(linear, held)
-    assert outcome is (held if is_held else linear)
+    outcome, _ = select_interpolation(linear, hold)
+    assert outcome is (hold if is_hold else linear)
 
 
 @pytest.mark.parametrize(
-    ("linear_rms", "named_rms", "held_rms", "is_held"),
+    ("linear_rms", "named_rms", "hold_rms", "is_hold"),
     [
-        pytest.param(3.0, 1.0, 1.02, True, id="held commands need no name"),
+        pytest.param(3.0, 1.0, 1.02, True, id="a zero-order hold needs no name"),
         pytest.param(3.0, 0.8, 1.02, False, id="the names explain more"),
-        pytest.param(1.0, 1.0, 1.02, False, id="neither course needs a name"),
+        pytest.param(1.0, 1.0, 1.02, False, id="neither interpolation needs a name"),
     ],
 )
 def test_pressure_without_repeats_decides_by_what_is_left(
-    linear_rms: float, named_rms: float, held_rms: float, is_held: bool, monkeypatch: pytest.MonkeyPatch
+    linear_rms: float, named_rms: float, hold_rms: float, is_hold: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without repeats, a sampling interval of delay was named beside a hysteresis."""
     linear = make_outcome("pressure_delay braid_hysteresis", verdict="indistinguishable", is_imperfect=True)
-    held = make_outcome("", verdict="insufficient-data", bic=20.0, is_imperfect=True)
+    hold = make_outcome("", verdict="insufficient-data", bic=20.0, is_imperfect=True)
     linear.base_fit.x, linear.selected.final_fit = linear_rms, SimpleNamespace(hypothesis=None, x=named_rms)
-    held.base_fit.x = held_rms
-    for outcome in (linear, held):
+    hold.base_fit.x = hold_rms
+    for outcome in (linear, hold):
         outcome.data.experiments, outcome.data.noise = [], {"pressure": Noise(2.0, ()), "force": None}
         outcome.data.compute_residuals = lambda hypothesis, points: [
             [{"pressure": np.full(9, 2.0 * rms), "force": np.ones(9)}] for rms in points
         ]
     replace_computations(monkeypatch, chi2=0.0, has_repeats=False)
-    outcome, _ = select_course(linear, held)
-    assert outcome is (held if is_held else linear)
+    outcome, _ = select_interpolation(linear, hold)
+    assert outcome is (hold if is_hold else linear)
 
 
 @pytest.mark.parametrize(("names", "is_tried"), [("supply_droop clock_skew", True), ("supply_droop", False)])
-def test_held_command_is_tried_for_a_shift_that_a_large_effect_hides(
+def test_zero_order_hold_is_tried_for_a_shift_that_a_large_effect_hides(
     names: str, is_tried: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    linear, held = make_outcome(names), make_outcome("supply_droop", bic=-90.0)
+    linear, hold = make_outcome(names), make_outcome("supply_droop", bic=-90.0)
     searches: list[Any] = []
-    replace_computations(monkeypatch, chi2=2.0)  # more than 1.0 of the linear commands
-    outcome, _ = held_commands.select_command_course(
-        linear, lambda trials: held, lambda prepared: searches.append(prepared) or held, lambda fraction, stage: None
+    replace_computations(monkeypatch, chi2=2.0)  # more than 1.0 of linear interpolation
+    outcome, _ = command_interpolation.select_command_interpolation(
+        linear, lambda trials: hold, lambda prepared: searches.append(prepared) or hold, lambda fraction, stage: None
     )
     assert len(searches) == is_tried
-    assert outcome is (held if is_tried else linear)
+    assert outcome is (hold if is_tried else linear)
 
 
 @pytest.mark.parametrize(
-    ("names", "held_bic", "is_searched"),
+    ("names", "hold_bic", "is_searched"),
     [
         pytest.param("leak", 7.0, False, id="worse"),
         pytest.param("leak", 5.0, True, id="hardly worse"),
-        pytest.param("leak clock_skew", 7.0, True, id="a shift, which is another course"),
+        pytest.param("leak clock_skew", 7.0, True, id="a shift, which is another interpolation"),
     ],
 )
-def test_no_model_is_searched_where_the_names_fit_held_commands_worse(
-    names: str, held_bic: float, is_searched: bool, monkeypatch: pytest.MonkeyPatch
+def test_no_model_is_searched_where_the_names_fit_a_zero_order_hold_worse(
+    names: str, hold_bic: float, is_searched: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The second search takes as long as the first one."""
-    linear, held = make_outcome(names), make_outcome("leak", bic=-90.0)
-    held.data = SimpleNamespace(noise={})
-    linear.compute_bic = lambda data: held_bic if data is held.data else 0.0
+    linear, hold = make_outcome(names), make_outcome("leak", bic=-90.0)
+    hold.data = SimpleNamespace(noise={})
+    linear.compute_bic = lambda data: hold_bic if data is hold.data else 0.0
     replace_computations(monkeypatch, chi2=0.0)
     searches: list[Any] = []
-    held_commands.select_command_course(
-        linear, lambda trials: held, lambda prepared: searches.append(prepared) or held, lambda fraction, stage: None
+    command_interpolation.select_command_interpolation(
+        linear, lambda trials: hold, lambda prepared: searches.append(prepared) or hold, lambda fraction, stage: None
     )
     assert len(searches) == is_searched
 
@@ -421,52 +421,55 @@ def test_gain_of_shifts_is_what_is_lost_without_all_of_them(monkeypatch: pytest.
         "clock_skew": make_fit("leak", "pressure_delay", bic=130.0),
         "pressure_delay": make_fit("leak", bic=175.0),
     }
-    monkeypatch.setattr(held_commands, "refit_without_term", lambda data, fit, term: reduced[term.effect])
+    monkeypatch.setattr(command_interpolation, "refit_without_term", lambda data, fit, term: reduced[term.effect])
     data, selected = SimpleNamespace(n_effective=100.0), SimpleNamespace(final_fit=final)
-    outcome = held_commands.Outcome([], *[cast(Any, value) for value in (data, None, None, selected)], [])
+    outcome = command_interpolation.Outcome([], *[cast(Any, value) for value in (data, None, None, selected)], [])
     assert outcome.compute_shift_gain() == 75.0
 
 
 @pytest.mark.slow
-def test_held_command_is_no_delay(tmp_path: Path) -> None:
-    diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", holds_command=True)))
+def test_zero_order_hold_is_no_delay(tmp_path: Path) -> None:
+    diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", has_zero_order_hold=True)))
     assert diagnosis.verdict == "nothing-missing"
     assert any("held until their next sample" in reason for reason in diagnosis.reasons)
 
 
 @pytest.mark.slow
-def test_gauge_of_held_commands_is_named(tmp_path: Path) -> None:
+def test_gauge_beside_a_zero_order_hold_is_named(tmp_path: Path) -> None:
     distort = {"pressure": lambda time, value: 1.02 * value}
-    diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", holds_command=True, distort=distort)))
+    folder = write_dataset(tmp_path / "d", has_zero_order_hold=True, distort=distort)
+    diagnosis = workflow.diagnose(load_dataset(folder))
     assert "sensor_gain@pressure" in {term.qualified_name for term in diagnosis.added_terms}
     assert any("held until their next sample" in reason for reason in diagnosis.reasons)
 
 
 @pytest.mark.slow
-def test_delay_of_held_commands_is_known_to_one_sampling_interval(tmp_path: Path) -> None:
+def test_delay_beside_a_zero_order_hold_is_known_to_one_sampling_interval(tmp_path: Path) -> None:
     hidden = {("pressure_delay", "dead_time"): {"delay_s": 0.02}}
-    diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", hidden, holds_command=True)))
+    diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", hidden, has_zero_order_hold=True)))
     assert [term.effect for term in diagnosis.added_terms] == ["pressure_delay"]
     assert diagnosis.final_fit is not None
     assert 0.0198 < diagnosis.final_fit.values[-1] < 0.0202 + INTERVAL_S
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("holds_command", "factor"), [(True, 4.0), (False, 10.0)])
-def test_supply_many_times_as_fast_as_declared_is_named(holds_command: bool, factor: float, tmp_path: Path) -> None:
-    """While its rate is wrong, straight lines between the samples of a held command explain its steps better."""
+@pytest.mark.parametrize(("has_zero_order_hold", "factor"), [(True, 4.0), (False, 10.0)])
+def test_supply_many_times_as_fast_as_declared_is_named(
+    has_zero_order_hold: bool, factor: float, tmp_path: Path
+) -> None:
+    """While its rate is wrong, linear interpolation explains the steps of a zero-order hold better."""
     nominal = load_device("klute-3-4-pair").parameters
     fast = nominal._replace(supply=nominal.supply._replace(max_pressure_rate=factor * nominal.supply.max_pressure_rate))
     hidden = {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}
     diagnosis = workflow.diagnose(
-        load_dataset(write_dataset(tmp_path / "d", hidden, base=fast, holds_command=holds_command))
+        load_dataset(write_dataset(tmp_path / "d", hidden, base=fast, has_zero_order_hold=has_zero_order_hold))
     )
     assert diagnosis.verdict in ("identified", "identified-in-part")
     assert {term.number or term.effect for term in diagnosis.added_terms} == {
         "supply.rate_bar_per_s",
         "braid_hysteresis",
     }
-    assert any("held until" in reason for reason in diagnosis.reasons) == holds_command
+    assert any("held until" in reason for reason in diagnosis.reasons) == has_zero_order_hold
 
 
 @pytest.mark.slow
@@ -479,19 +482,19 @@ def test_delay_below_a_sampling_interval_is_found_where_commands_are_linear(tmp_
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("command_interval", "is_visible"), [(0.001, True), (0.01, False)])
-def test_command_of_a_walk_is_held(command_interval: float, is_visible: bool, tmp_path: Path) -> None:
+def test_command_of_a_walk_has_a_zero_order_hold(command_interval: float, is_visible: bool, tmp_path: Path) -> None:
     """A state machine commands every 10 ms. A log of 100 Hz does not show that it holds them."""
     data = synthetic_gait_dataset.write_dataset(
         tmp_path / "d", has_state_machine=True, command_interval=command_interval
     )
     dataset = load_dataset(data)
     prepared = prepare_experiments(dataset, split_dataset(dataset))[0]
-    assert prepared.holds_command is is_visible
-    held = prepared if is_visible else prepared.held_variant
-    assert isinstance(held, GaitExperiment)
-    assert held.held_variant is None
+    assert prepared.has_zero_order_hold is is_visible
+    hold = prepared if is_visible else prepared.zero_order_hold_variant
+    assert isinstance(hold, GaitExperiment)
+    assert hold.zero_order_hold_variant is None
     samples = dataset.trials[0].prescribed["pressure_command"].value
-    assert set(np.round(held.command)) <= set(np.round(samples))
+    assert set(np.round(hold.command)) <= set(np.round(samples))
     diagnosis = workflow.diagnose(dataset)
     assert diagnosis.verdict == "nothing-missing"
     assert any("held until their next sample" in reason for reason in diagnosis.reasons) is not is_visible
