@@ -68,8 +68,8 @@ def _build_commands(requested: dict[str, Any], numbers: JointNumbers) -> Floats:
         trials = [trial for test in TESTS for trial in plan_test(test, settings)]
         trial = next(trial for trial in trials if trial.name == requested["protocol"])
         time = SAMPLE_INTERVAL * np.arange(round(trial.duration / SAMPLE_INTERVAL) + 1)
-        course = trial.difference(time)
-        commands = np.stack([trial.mean_pressure + course, trial.mean_pressure - course])
+        difference = trial.difference(time)
+        commands = np.stack([trial.mean_pressure + difference, trial.mean_pressure - difference])
         if stays_off_stops(numbers, commands):
             break
     return commands

@@ -24,8 +24,8 @@ measured = ["angle_joint", "pressure_flexor", "pressure_extensor"]
 "model.site.extensor_origin.pos_z" = 0.285
 """
 TIME = np.linspace(0.0, 8.0, 401)
-COURSE = np.sin(1.5 * np.maximum(TIME - 0.5, 0.0))
-FLEXOR, EXTENSOR = 3.0 + 0.5 * COURSE, 3.0 - 0.5 * COURSE
+WAVEFORM = np.sin(1.5 * np.maximum(TIME - 0.5, 0.0))
+FLEXOR, EXTENSOR = 3.0 + 0.5 * WAVEFORM, 3.0 - 0.5 * WAVEFORM
 
 
 def write(folder: Path, names: Iterable[str], numbers: str = "") -> None:
@@ -36,7 +36,7 @@ def write(folder: Path, names: Iterable[str], numbers: str = "") -> None:
         columns = {
             "time [s]": TIME,
             **{f"pressure_command_{tendon} [bar]": values for tendon, values in pressures.items()},
-            "angle_joint [deg]": 33.0 + 20.0 * COURSE,
+            "angle_joint [deg]": 33.0 + 20.0 * WAVEFORM,
             **{f"pressure_{tendon} [bar]": values for tendon, values in pressures.items()},
         }
         write_trial(folder / f"{name}.csv", columns)

@@ -44,7 +44,7 @@ measured = ["angle_shoulder", "angle_elbow"]
 files = ["a.csv"]
 """
 TIME = np.linspace(0.0, 2.0, 201)
-COURSE = np.sin(3.0 * TIME)
+WAVEFORM = np.sin(3.0 * TIME)
 
 
 def load(folder: Path, shoulder: Array, elbow: Array) -> Dataset:
@@ -53,7 +53,7 @@ def load(folder: Path, shoulder: Array, elbow: Array) -> Dataset:
     (folder / "dataset.toml").write_text(HEAD)
     columns = {
         "time [s]": TIME,
-        "pressure_command_upper [bar]": 2.0 + COURSE,
+        "pressure_command_upper [bar]": 2.0 + WAVEFORM,
         "pressure_command_lower [bar]": np.full(201, 2.0),
         "angle_shoulder [deg]": shoulder,
         "angle_elbow [deg]": elbow,
@@ -73,7 +73,7 @@ def test_each_joint_moves_its_own_tendon() -> None:
 
 
 def test_still_joint_is_stuck_only_under_its_own_muscle(tmp_path: Path) -> None:
-    assert load(tmp_path, 10.0 + 10.0 * COURSE, np.full(201, 5.0)).accepted == ()
+    assert load(tmp_path, 10.0 + 10.0 * WAVEFORM, np.full(201, 5.0)).accepted == ()
     with pytest.raises(InputError) as error:
         load(tmp_path, np.full(201, 10.0), np.full(201, 5.0))
     assert str(error.value).endswith("accept it with --accept angle_shoulder-constant")

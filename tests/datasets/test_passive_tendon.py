@@ -35,7 +35,7 @@ MUSCLE_AND_SPRING = """device = "klute-3-4-pair"
 device = "spring.toml"
 """
 TIME = np.linspace(0.0, 2.0, 201)
-COURSE = np.sin(3.0 * TIME)
+WAVEFORM = np.sin(3.0 * TIME)
 
 
 def load(folder: Path, devices: str, flexor: Array, extensor: Array, angle: Array) -> Dataset:
@@ -55,21 +55,21 @@ def load(folder: Path, devices: str, flexor: Array, extensor: Array, angle: Arra
 def test_tendons_with_own_devices_need_no_supply_of_the_dataset(tmp_path: Path) -> None:
     devices = "".join(f'[devices.{tendon}]\ndevice = "klute-3-4-pair"\n' for tendon in ("flexor", "extensor"))
     devices = f'device = "spring.toml"\n{devices}'
-    assert load(tmp_path, devices, 2.0 + COURSE, 3.0 - COURSE, 30.0 + 10.0 * COURSE).accepted == ()
+    assert load(tmp_path, devices, 2.0 + WAVEFORM, 3.0 - WAVEFORM, 30.0 + 10.0 * WAVEFORM).accepted == ()
 
 
 def test_pressures_of_a_device_without_supply_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="of tendon 'extensor', but its device 'spring' has no \\[supply\\]"):
-        load(tmp_path, MUSCLE_AND_SPRING, 2.0 + COURSE, 3.0 - COURSE, 30.0 + 10.0 * COURSE)
+        load(tmp_path, MUSCLE_AND_SPRING, 2.0 + WAVEFORM, 3.0 - WAVEFORM, 30.0 + 10.0 * WAVEFORM)
 
 
 def test_muscle_against_a_spring_is_accepted(tmp_path: Path) -> None:
-    dataset = load(tmp_path, MUSCLE_AND_SPRING, 2.0 + COURSE, 0.0 * TIME, 30.0 + 10.0 * COURSE)
+    dataset = load(tmp_path, MUSCLE_AND_SPRING, 2.0 + WAVEFORM, 0.0 * TIME, 30.0 + 10.0 * WAVEFORM)
     assert dataset.accepted == ()
 
 
 def test_joint_rests_where_muscle_and_spring_balance(tmp_path: Path) -> None:
-    dataset = load(tmp_path, MUSCLE_AND_SPRING, 2.0 + COURSE, 0.0 * TIME, 30.0 + 10.0 * COURSE)
+    dataset = load(tmp_path, MUSCLE_AND_SPRING, 2.0 + WAVEFORM, 0.0 * TIME, 30.0 + 10.0 * WAVEFORM)
     assert dataset.mechanism is not None
     statics = compute_statics(dataset.mechanism, dataset.mechanism.devices, dataset.trials[0].model_numbers)
     assert statics is not None
@@ -84,4 +84,4 @@ def test_joint_that_an_idle_muscle_and_a_spring_hold_is_accepted(tmp_path: Path)
     still = np.full(201, 30.0)
     assert load(tmp_path, MUSCLE_AND_SPRING, np.full(201, 3.0), 0.0 * TIME, still).accepted == ()
     with pytest.raises(InputError, match="although pressure_command_flexor goes over 1 to 3 bar"):
-        load(tmp_path, MUSCLE_AND_SPRING, 2.0 + COURSE, 0.0 * TIME, still)
+        load(tmp_path, MUSCLE_AND_SPRING, 2.0 + WAVEFORM, 0.0 * TIME, still)

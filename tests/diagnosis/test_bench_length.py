@@ -1,4 +1,4 @@
-"""Course of the prescribed length between its samples: a curve that does not overshoot where a motion ends."""
+"""Interpolation of the prescribed length: a curve that does not overshoot where a motion ends."""
 
 import numpy as np
 import pytest
@@ -70,7 +70,7 @@ def test_corners_between_samples_are_those_of_a_triangle(corners: list[float], s
     assert np.interp(fine, time, value) == pytest.approx(np.interp(fine, corner_time, corner_value), abs=1e-9)
 
 
-def test_straight_courses_have_no_corners() -> None:
+def test_straight_lines_have_no_corners() -> None:
     samples = np.concatenate([np.full(50, 0.34), 0.34 + 1e-3 * np.arange(50)])
     time, value = insert_corners(np.arange(100) * 0.01, samples)
     assert len(time) <= 101

@@ -64,7 +64,7 @@ def test_slow_repeat_of_correlated_noise_is_no_noisier() -> None:
     assert [row["force"] for row in found] == [1.0, 1.0, 1.0]
 
 
-def test_noise_of_slow_inputs_is_no_course_between_samples() -> None:
+def test_noise_of_slow_inputs_is_no_interpolation_error() -> None:
     rng = np.random.default_rng(3)
     length = 0.34 + 20e-6 * rng.normal(size=400)
     command = 2e5 + 500.0 * rng.normal(size=400)
@@ -85,7 +85,7 @@ def test_motion_before_the_inputs_begin_is_no_motion_at_the_start() -> None:
     assert starts_in_motion(after)
 
 
-def test_slow_logging_leaves_the_course_between_samples_open() -> None:
+def test_slow_logging_leaves_the_interpolation_open() -> None:
     command = np.repeat([1e5, 3e5, 2e5], 40)
     slow = prepare_bench_trial(make_trial(0.02, command), "fit")
     lengths, (early, late) = slow.input_variants

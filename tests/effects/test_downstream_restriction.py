@@ -42,9 +42,9 @@ def measure_pressure(device: DeviceParameters, command: Array, dt: float, start:
 def test_each_level_is_approached_from_its_side() -> None:
     levels = np.repeat([2.0, 4.0, 3.0, 5.0, 1.0, 0.0], 3000) * BAR
     pressure = measure_pressure(restrict(), levels, 1e-3)
-    for level, course in zip(levels[::3000], np.split(pressure, 6), strict=True):
-        assert course[-1] == pytest.approx(level, abs=1e-3)
-        assert (np.sign(level - course[0]) * np.diff(course) >= -1e-6).all()
+    for level, response in zip(levels[::3000], np.split(pressure, 6), strict=True):
+        assert response[-1] == pytest.approx(level, abs=1e-3)
+        assert (np.sign(level - response[0]) * np.diff(response) >= -1e-6).all()
 
 
 def test_filling_to_the_full_supply_is_that_of_the_symmetric_form_and_others_are_not() -> None:
@@ -56,15 +56,15 @@ def test_filling_to_the_full_supply_is_that_of_the_symmetric_form_and_others_are
 
 def test_lag_of_the_regulator_acts_upstream_of_the_restriction_and_converges() -> None:
     """The filling begins as the regulator rises: a filling through the needle from an exponential."""
-    end, courses = 0.6, []
+    end, responses = 0.6, []
     for dt in (4e-3, 2e-3, 1e-3):
-        courses.append(measure_pressure(restrict(LAG), np.full(round(end / dt), 4.0 * BAR), dt))
+        responses.append(measure_pressure(restrict(LAG), np.full(round(end / dt), 4.0 * BAR), dt))
     fine = 1e-4
     rising = 4.0 * BAR * (1.0 - np.exp(-fine * np.arange(1, round(end / fine) + 1) / 0.1))
     exact = measure_pressure(restrict(), rising, fine)
     errors = [
-        np.abs(course - exact[round(dt / fine) - 1 :: round(dt / fine)]).max()
-        for course, dt in zip(courses, (4e-3, 2e-3, 1e-3), strict=True)
+        np.abs(response - exact[round(dt / fine) - 1 :: round(dt / fine)]).max()
+        for response, dt in zip(responses, (4e-3, 2e-3, 1e-3), strict=True)
     ]
     assert errors[2] < 0.01 * 4.0 * BAR
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.2)
@@ -99,9 +99,9 @@ def test_motion_does_not_move_the_pressure_of_a_lagging_regulator() -> None:
     pair = load_device("klute-3-4-pair").parameters
     time = 1e-3 * np.arange(1500)
     length, command = 0.338 + 8e-3 * np.sin(9.0 * time), np.full(1500, 3.0 * BAR)
-    courses = [simulate_rollouts(restrict(o, device=pair), length, command, 1e-3).pressure for o in ({}, LAG)]
-    assert np.ptp(courses[0]) > 1e3
-    assert courses[1] == pytest.approx(courses[0], abs=1e-3)
+    responses = [simulate_rollouts(restrict(o, device=pair), length, command, 1e-3).pressure for o in ({}, LAG)]
+    assert np.ptp(responses[0]) > 1e3
+    assert responses[1] == pytest.approx(responses[0], abs=1e-3)
 
 
 @pytest.mark.parametrize("others", [LEAK, LEAK | LAG], ids=["leak", "leak and lag"])

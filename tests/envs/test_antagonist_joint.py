@@ -181,14 +181,14 @@ def test_ranges_that_vary_nothing_change_no_bit() -> None:
 def test_vector_environments_draw_as_single_ones_do() -> None:
     envs = gymnasium.make_vec(NAME, 3, "vector_entry_point", duration=1.0, domain_randomization=RANGES)
     observations, infos = envs.reset(seed=7)
-    courses = [observations]
+    trajectories = [observations]
     for _ in range(20):
         observations, *_ = envs.step(np.tile(np.array([0.3, -0.2], dtype=np.float32), (3, 1)))
-        courses.append(observations)
+        trajectories.append(observations)
     for k in range(3):
         info, expected = roll_out(AntagonistJointEnv(duration=1.0, domain_randomization=RANGES), 7 + k)
         assert {name: infos[name][k] for name in info} == info
-        assert np.array_equal(np.array(courses)[:, k], expected)
+        assert np.array_equal(np.array(trajectories)[:, k], expected)
 
 
 def test_copy_in_mid_episode_keeps_the_drawn_model() -> None:

@@ -142,7 +142,7 @@ def write_muscle_trial(folder: Path, resting_length: float, columns: dict[str, A
     return folder
 
 
-def test_constant_load_needs_no_course_of_the_force(tmp_path: Path) -> None:
+def test_constant_load_needs_no_waveform_of_the_force(tmp_path: Path) -> None:
     """A muscle of 233 mm with conical ends lifts 150 N: its law is imperfect, the columns and pressures are right."""
     pressure_kpa = [207.0, 218.0, 267.0, 316.0, 365.0, 413.0, 462.0, 511.0, 560.0, 609.0, 620.0]
     length_mm = [232.5, 232.1, 230.2, 227.9, 225.0, 221.4, 216.9, 212.2, 207.5, 203.4, 202.5]

@@ -34,10 +34,10 @@ def make_trial(name: str, value: Array, expected: Array) -> RecordedTrial:
 @pytest.mark.parametrize("name", FULL_SCALES)
 @pytest.mark.parametrize("n_bits", [8, 10, 12, 14])
 @pytest.mark.parametrize("noise", [0.3, 0.5, 1.0, 3.0])
-@pytest.mark.parametrize("course", ["constant", "step"])
-def test_codes_of_a_converter_are_no_dropouts(name: str, n_bits: int, noise: float, course: str) -> None:
+@pytest.mark.parametrize("waveform", ["constant", "step"])
+def test_codes_of_a_converter_are_no_dropouts(name: str, n_bits: int, noise: float, waveform: str) -> None:
     step = FULL_SCALES[name] / 2**n_bits
-    expected = LEVELS[name] * (STEP if course == "step" else np.ones(len(TIME)))
+    expected = LEVELS[name] * (STEP if waveform == "step" else np.ones(len(TIME)))
     for seed in range(10):
         value = step * np.round(expected / step + np.random.default_rng(seed).normal(0.0, noise, len(TIME)))
         assert check_dropouts(make_trial(name, value, expected)) == []
@@ -51,10 +51,10 @@ def test_samples_that_a_slow_sensor_holds_are_no_dropouts() -> None:
 @pytest.mark.parametrize("name", FULL_SCALES)
 @pytest.mark.parametrize("n_bits", [8, 12, 0])
 @pytest.mark.parametrize("lost", [0.0, 1.0, 0.6])
-@pytest.mark.parametrize("course", ["constant", "step"])
-def test_jumps_to_a_far_value_and_back_are_dropouts(name: str, n_bits: int, lost: float, course: str) -> None:
+@pytest.mark.parametrize("waveform", ["constant", "step"])
+def test_jumps_to_a_far_value_and_back_are_dropouts(name: str, n_bits: int, lost: float, waveform: str) -> None:
     """The lost samples read 0, the full scale, or a value between; without bits there is no converter."""
-    expected = LEVELS[name] * (STEP if course == "step" else np.ones(len(TIME)))
+    expected = LEVELS[name] * (STEP if waveform == "step" else np.ones(len(TIME)))
     step = FULL_SCALES[name] / 2 ** (n_bits or 12)
     value = expected + np.random.default_rng(0).normal(0.0, 0.5 * step, len(TIME))
     value = step * np.round(value / step) if n_bits else value

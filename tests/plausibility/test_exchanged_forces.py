@@ -3,23 +3,23 @@
 import numpy as np
 
 from klute_sim.plausibility.exchanged_forces import Balance, ForcePair, check_exchanged_forces
-from klute_sim.plausibility.load_scale import LoadCourse
+from klute_sim.plausibility.load_scale import LoadSeries
 from klute_sim.plausibility.samples import Samples
 from klute_sim.types import Array
 
-COURSE = np.sin(np.linspace(0.0, 6.0, 60))
-FLEXOR, EXTENSOR = 300.0 + 60.0 * COURSE, 140.0 - 20.0 * COURSE
+WAVEFORM = np.sin(np.linspace(0.0, 6.0, 60))
+FLEXOR, EXTENSOR = 300.0 + 60.0 * WAVEFORM, 140.0 - 20.0 * WAVEFORM
 ARM = 0.025
 """Arm of both forces [m]."""
 BALANCE = Balance(np.full(60, ARM), np.full(60, -ARM), -ARM * (FLEXOR - EXTENSOR))
 
 
-def make_course(channel: str, measured: Array, expected: Array) -> LoadCourse:
-    return LoadCourse(Samples(channel, measured, "N", 1.0), measured, expected, expected, 600.0, "trial 'a'")
+def make_load(channel: str, measured: Array, expected: Array) -> LoadSeries:
+    return LoadSeries(Samples(channel, measured, "N", 1.0), measured, expected, expected, 600.0, "trial 'a'")
 
 
 def make_pair(flexor: Array, extensor: Array, balance: Balance | None = None) -> ForcePair:
-    first, second = make_course("force_flexor", flexor, FLEXOR), make_course("force_extensor", extensor, EXTENSOR)
+    first, second = make_load("force_flexor", flexor, FLEXOR), make_load("force_extensor", extensor, EXTENSOR)
     return ForcePair(first, second, balance)
 
 

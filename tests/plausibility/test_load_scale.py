@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from klute_sim.plausibility.load_scale import LoadCourse, check_load_scale
+from klute_sim.plausibility.load_scale import LoadSeries, check_load_scale
 from klute_sim.plausibility.samples import Samples
 from klute_sim.types import Array
 
@@ -11,12 +11,10 @@ EXPECTED = 300.0 + 100.0 * np.sin(np.linspace(0.0, 6.0, 60))
 MOMENT = EXPECTED / 25.0
 
 
-def make_course(
-    measured: Array, expected: Array = EXPECTED, channel: str = "force_calf", unit: str = "N"
-) -> LoadCourse:
+def make_load(measured: Array, expected: Array = EXPECTED, channel: str = "force_calf", unit: str = "N") -> LoadSeries:
     samples = Samples(channel, measured, unit, 1.0)
     gross = np.abs(expected)
-    return LoadCourse(samples, measured, expected, gross, 1.5 * float(gross.max()), "trial 'a'")
+    return LoadSeries(samples, measured, expected, gross, 1.5 * float(gross.max()), "trial 'a'")
 
 
 @pytest.mark.parametrize(
@@ -30,7 +28,7 @@ def make_course(
     ],
 )
 def test_mistake_in_a_force_is_found(measured: Array, kind: str, part: str) -> None:
-    (finding,) = check_load_scale([make_course(measured)])
+    (finding,) = check_load_scale([make_load(measured)])
     assert finding.name == f"force_calf-{kind}"
     assert part in finding.statement
 
@@ -40,7 +38,7 @@ def test_mistake_in_a_force_is_found(measured: Array, kind: str, part: str) -> N
     [(100.0 * MOMENT, "unit", "is its unit N*cm?"), (-2.0 * MOMENT, "sign", "turns the joint to larger angles")],
 )
 def test_mistake_in_a_moment_is_found(measured: Array, kind: str, part: str) -> None:
-    (finding,) = check_load_scale([make_course(measured, MOMENT, "moment_ankle", "N*m")])
+    (finding,) = check_load_scale([make_load(measured, MOMENT, "moment_ankle", "N*m")])
     assert finding.name == f"moment_ankle-{kind}"
     assert part in finding.statement
 
@@ -54,21 +52,21 @@ def test_mistake_in_a_moment_is_found(measured: Array, kind: str, part: str) -> 
         2.0 * EXPECTED,  # two muscles, or a moment arm that is twice as long
         1.3558 * EXPECTED,  # foot-pounds are too close to newton metres
         EXPECTED - 150.0,  # a load cell that was zeroed under load
-        500.0 - EXPECTED,  # another course
+        500.0 - EXPECTED,  # another waveform
         np.full(60, 60.0),  # a constant load
         np.full(60, np.nan),
     ],
 )
 def test_other_load_is_accepted(measured: Array) -> None:
-    assert check_load_scale([make_course(measured)]) == []
+    assert check_load_scale([make_load(measured)]) == []
 
 
 def test_all_trials_have_to_agree() -> None:
-    assert check_load_scale([make_course(EXPECTED / 4.448), make_course(0.5 * EXPECTED)]) == []
-    assert check_load_scale([make_course(-EXPECTED), make_course(EXPECTED)]) == []
+    assert check_load_scale([make_load(EXPECTED / 4.448), make_load(0.5 * EXPECTED)]) == []
+    assert check_load_scale([make_load(-EXPECTED), make_load(EXPECTED)]) == []
     assert check_load_scale([]) == []
 
 
 def test_small_difference_of_antagonists_shows_no_sign() -> None:
-    course = make_course(-MOMENT, MOMENT, "moment_elbow", "N*m")
-    assert check_load_scale([course._replace(gross=3.0 * MOMENT)]) == []
+    load = make_load(-MOMENT, MOMENT, "moment_elbow", "N*m")
+    assert check_load_scale([load._replace(gross=3.0 * MOMENT)]) == []

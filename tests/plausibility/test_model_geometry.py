@@ -11,7 +11,7 @@ from klute_sim.plausibility.wrapping import Wrap, check_wrap
 WRAP = Wrap("calf", "drum", 0.04, "end", 0.0405)
 STOPS = (-0.15, 0.25)
 """Stops of a slide [m]."""
-COURSE = np.sin(np.linspace(0.0, 6.0, 100))
+WAVEFORM = np.sin(np.linspace(0.0, 6.0, 100))
 
 
 @pytest.mark.parametrize(
@@ -34,14 +34,14 @@ def test_site_outside_of_the_geom_is_accepted() -> None:
 
 
 def test_stops_in_degrees_are_found() -> None:
-    angle = Samples("angle_ankle", np.radians(20.0 * COURSE), "deg", np.pi / 180.0)
+    angle = Samples("angle_ankle", np.radians(20.0 * WAVEFORM), "deg", np.pi / 180.0)
     (finding,) = check_stop_unit([angle], (-40.0, 40.0), "trial 'a'")
     assert finding.name == "angle_ankle-geometry"
     assert 'Write angle="degree" under compiler' in finding.statement
 
 
 def test_stops_of_a_winch_and_small_stops_are_accepted() -> None:
-    angle, turns = (Samples("angle_winch", each, "rad", 1.0) for each in (0.5 * COURSE, 20.0 * COURSE))
+    angle, turns = (Samples("angle_winch", each, "rad", 1.0) for each in (0.5 * WAVEFORM, 20.0 * WAVEFORM))
     assert check_stop_unit([angle, turns], (-40.0, 40.0), "trial 'a'") == []
     assert check_stop_unit([angle], (-0.7, 0.7), "trial 'a'") == []
     assert check_stop_unit([], (-40.0, 40.0), "trial 'a'") == []
@@ -50,8 +50,8 @@ def test_stops_of_a_winch_and_small_stops_are_accepted() -> None:
 @pytest.mark.parametrize(
     ("position", "name", "part"),
     [
-        (20.0 + 20.0 * COURSE, "position_guide-unit", "is its unit mm? Correct the heading"),
-        (0.6 + 0.02 * COURSE, "position_guide-zero", "the stops of its joint are at -0.15 m and 0.25 m"),
+        (20.0 + 20.0 * WAVEFORM, "position_guide-unit", "is its unit mm? Correct the heading"),
+        (0.6 + 0.02 * WAVEFORM, "position_guide-zero", "the stops of its joint are at -0.15 m and 0.25 m"),
     ],
 )
 def test_position_far_beyond_the_stops_is_found(position: np.ndarray, name: str, part: str) -> None:
@@ -61,5 +61,10 @@ def test_position_far_beyond_the_stops_is_found(position: np.ndarray, name: str,
 
 
 def test_position_near_the_stops_is_accepted() -> None:
-    for position in (0.05 + 0.2 * COURSE, 0.3 + 0.02 * COURSE, np.where(COURSE > 0.9, 5.0, 0.1), np.full(9, np.nan)):
+    for position in (
+        0.05 + 0.2 * WAVEFORM,
+        0.3 + 0.02 * WAVEFORM,
+        np.where(WAVEFORM > 0.9, 5.0, 0.1),
+        np.full(9, np.nan),
+    ):
         assert check_slide_position(Samples("position_guide", position, "m", 1.0), STOPS, "trial 'a'") == []

@@ -72,8 +72,8 @@ def test_motion_steps_and_noise_are_no_spikes(interval: float, noise: float) -> 
     time = interval * np.arange(2000.0)
     quick_release = np.where(time > 1000 * interval, 0.3, 0.34)
     ramps = 0.3 + 0.02 * np.abs((time / interval / 100.0) % 2.0 - 1.0)
-    for course in (np.full(len(time), 0.3), quick_release, ramps, 0.3 + 0.02 * np.sin(0.3 / interval * time)):
-        value = course + noise * RANDOM.standard_normal(len(time))
+    for waveform in (np.full(len(time), 0.3), quick_release, ramps, 0.3 + 0.02 * np.sin(0.3 / interval * time)):
+        value = waveform + noise * RANDOM.standard_normal(len(time))
         for values in (value, np.round(value, 3), np.repeat(value[::4], 4)):
             samples = Samples("length", values, "m", 1.0)
             assert check_position(samples, time, "m", "trial 'a'", Range(0.1, 0.5, 0.3))[0] == []

@@ -11,8 +11,8 @@ from klute_sim.datasets.mechanism_loads import StaticLoad, TrialStatics
 from klute_sim.datasets.trial import Trial
 from klute_sim.plausibility.exchanged_forces import ForcePair, check_exchanged_forces
 from klute_sim.plausibility.finding import Finding, are_accepted
-from klute_sim.plausibility.joint_direction import MirroredCourse, check_joint_direction
-from klute_sim.plausibility.load_scale import LoadCourse, check_load_scale
+from klute_sim.plausibility.joint_direction import MirroredLoad, check_joint_direction
+from klute_sim.plausibility.load_scale import LoadSeries, check_load_scale
 from klute_sim.plausibility.samples import Samples
 
 RecordedStatics = tuple[TrialStatics, Mapping[str, Samples]]
@@ -52,7 +52,7 @@ def _is_load(name: str) -> bool:
 
 def _check_direction(joint: str, recorded: Iterable[RecordedStatics]) -> list[Finding]:
     """Return findings if the loads show that the sign of the channel ``joint`` is reversed."""
-    positions, courses = [], []
+    positions, mirrored_loads = [], []
     for statics, samples in recorded:
         positions.append((f"trial '{statics.trial.name}'", samples[joint]))
         for name in filter(_is_load, statics.trial.measured):
@@ -62,8 +62,8 @@ def _check_direction(joint: str, recorded: Iterable[RecordedStatics]) -> list[Fi
                 if (load := statics.compute_load(name, mirrored)) is not None
             ]
             if len(loads) == 2 and not np.array_equal(loads[0][1].value, loads[1][1].value, equal_nan=True):
-                courses.append(MirroredCourse(*_describe_courses(statics, loads)))
-    return check_joint_direction(positions, courses)
+                mirrored_loads.append(MirroredLoad(*_list_load_series(statics, loads)))
+    return check_joint_direction(positions, mirrored_loads)
 
 
 def _check_exchange(names: tuple[str, str], recorded: Iterable[RecordedStatics]) -> list[Finding]:
@@ -77,27 +77,27 @@ def _check_exchange(names: tuple[str, str], recorded: Iterable[RecordedStatics])
         ]
         balance = statics.compute_balance(*names) if len(loads) == 2 else None
         if len(loads) == 2 and (balance is not None or not statics.has_free_joint()):
-            first, second = _describe_courses(statics, loads)
+            first, second = _list_load_series(statics, loads)
             pairs.append(ForcePair(first, second, balance))
     return check_exchanged_forces(pairs)
 
 
 def _check_scale(name: str, recorded: Iterable[RecordedStatics]) -> list[Finding]:
     """Return findings if the channel ``name`` has the opposite sign or another unit."""
-    courses = []
+    series = []
     for statics, samples in recorded:
         load = statics.compute_load(name) if name in samples else None
         if load is not None:
-            courses += _describe_courses(statics, [(samples[name], load)])
-    return check_load_scale(courses)
+            series += _list_load_series(statics, [(samples[name], load)])
+    return check_load_scale(series)
 
 
-def _describe_courses(statics: TrialStatics, loads: Sequence[tuple[Samples, StaticLoad]]) -> list[LoadCourse]:
-    """Return the course of each of the measured samples with its static load; NaN where any of them is unknown."""
+def _list_load_series(statics: TrialStatics, loads: Sequence[tuple[Samples, StaticLoad]]) -> list[LoadSeries]:
+    """Return the time series of each of the measured samples with its static load; NaN where any of them is unknown."""
     measured = [statics.average(samples.channel) for samples, _ in loads]
     is_known = np.all([np.isfinite(values) for values in (*measured, *(load.value for _, load in loads))], axis=0)
     return [
-        LoadCourse(
+        LoadSeries(
             samples,
             np.where(is_known, values, np.nan),
             np.where(is_known, load.value, np.nan),

@@ -11,7 +11,7 @@ from klute_sim.datasets.mechanism_statics import Statics, compute_statics
 from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.plausibility.bench.trial import RecordedTrial
 from klute_sim.plausibility.finding import Finding, are_accepted
-from klute_sim.plausibility.joint_course import Course, check_courses, check_exchanged_pressures
+from klute_sim.plausibility.joint_trajectory import JointTrajectory, check_exchanged_pressures, check_joint_trajectories
 from klute_sim.types import Array
 
 MAX_SAMPLES = 400
@@ -32,26 +32,28 @@ def check_motion(
     devices: Mapping[str, Sequence[RecordedTrial]],
     accepted: Collection[str],
 ) -> list[Finding]:
-    """Return what is implausible in the course of the position of the only joint, and in exchanged pressures.
+    """Return what is implausible in the trajectory of the only joint, and in exchanged pressures.
 
     Each trial comes with the units in its headings. ``devices`` holds the channels of the device on each tendon, and
-    ``accepted`` names of findings that the user accepts. Exchanged pressures explain what the course shows.
+    ``accepted`` names of findings that the user accepts. Exchanged pressures explain what the trajectory shows.
     """
-    findings = check_courses(_list_courses(mechanism, trials))
+    findings = check_joint_trajectories(_list_trajectories(mechanism, trials))
     channels = {tendon: normalize_name(tendon) for tendon in devices}
     moves_back = any(finding.name.endswith("-sign") for finding in findings)
     exchanged = check_exchanged_pressures(devices, channels, moves_back=moves_back)
     return [*exchanged, *findings] if are_accepted(exchanged, accepted) else exchanged
 
 
-def _list_courses(mechanism: DatasetMechanism, trials: Sequence[tuple[Trial, Mapping[str, str]]]) -> list[Course]:
-    """Return the courses of the only joint; none unless the devices alone move it, under pressures."""
+def _list_trajectories(
+    mechanism: DatasetMechanism, trials: Sequence[tuple[Trial, Mapping[str, str]]]
+) -> list[JointTrajectory]:
+    """Return the trajectories of the only joint; none unless the devices alone move it, under pressures."""
     prescribed = [parse_channel(name) for name in mechanism.channels.prescribed]
     names = [name for name in mechanism.channels.measured if parse_channel(name).quantity in ("angle", "position")]
     if len(names) != 1 or any(channel.quantity not in ("pressure", "pressure_command") for channel in prescribed):
         return []
     cache: dict[tuple[object, ...], Statics | None] = {}
-    courses = []
+    trajectories = []
     for trial, units in trials:
         key = (*trial.model_numbers.items(), *(device.digest for device in trial.devices.values()))
         if key not in cache:
@@ -68,8 +70,8 @@ def _list_courses(mechanism: DatasetMechanism, trials: Sequence[tuple[Trial, Map
             for channel in prescribed
             if channel.object_name == normalize_name(tendon)
         }
-        courses.append(
-            Course(
+        trajectories.append(
+            JointTrajectory(
                 samples._replace(value=samples.value[::step]),
                 time,
                 statics.find_rest(pressures),
@@ -79,7 +81,7 @@ def _list_courses(mechanism: DatasetMechanism, trials: Sequence[tuple[Trial, Map
                 f"trial '{trial.name}'",
             )
         )
-    return courses
+    return trajectories
 
 
 def _interpolate(series: TimeSeries, time: Array) -> Array:

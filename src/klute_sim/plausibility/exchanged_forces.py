@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.plausibility.finding import Finding
-from klute_sim.plausibility.load_scale import LoadCourse, compute_misfit, compute_size
+from klute_sim.plausibility.load_scale import LoadSeries, compute_misfit, compute_size
 from klute_sim.types import Array
 
 MIN_MISFIT = 0.35
@@ -44,8 +44,8 @@ class Balance(NamedTuple):
 class ForcePair(NamedTuple):
     """Forces of two devices in one trial, at the same moments."""
 
-    first: LoadCourse
-    second: LoadCourse
+    first: LoadSeries
+    second: LoadSeries
     balance: Balance | None
     """Free joint between them; None where all joints are driven."""
 
@@ -58,7 +58,7 @@ def check_exchanged_forces(pairs: Sequence[ForcePair]) -> list[Finding]:
     cosines = [cosine for cosine in map(_compute_cosine, pairs) if cosine is not None]
     if not cosines or max(cosines) > MAX_COSINE or not _contradict_laws(pairs) or not _contradict_balance(pairs):
         return []
-    first, second = (course.samples.channel for course in pairs[0][:2])
+    first, second = (load.samples.channel for load in pairs[0][:2])
     statement = (
         f"`{first}` is the force that the device of `{second}` gives at these positions and pressures, and `{second}` "
         f"that of the device of `{first}`: their columns are exchanged; correct the headings"

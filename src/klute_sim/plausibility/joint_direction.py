@@ -14,7 +14,7 @@ from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.load_scale import (
     MAX_SCALE,
     MIN_CORRELATION,
-    LoadCourse,
+    LoadSeries,
     compute_misfit,
     compute_size,
     compute_variation,
@@ -27,16 +27,16 @@ MIN_MISFIT = 0.1
 MISFIT_RATIO = 3.0
 """Smallest ratio of that difference to the one with the mirrored position (assumed)."""
 MAX_REVERSED_CORRELATION = -0.7
-"""Largest correlation with the expected course in a trial that shows the reversal (assumed)."""
+"""Largest correlation with the expected time series in a trial that shows the reversal (assumed)."""
 MIN_VARIATION = 0.05
 """Smallest standard deviation of an expected load, over its level, that shows a reversal (assumed)."""
 
 
-class MirroredCourse(NamedTuple):
+class MirroredLoad(NamedTuple):
     """A measured load, with the expected one at the position of the joint as it stands and at the mirrored one."""
 
-    declared: LoadCourse
-    mirrored: LoadCourse
+    declared: LoadSeries
+    mirrored: LoadSeries
 
     @property
     def shows_reversal(self) -> bool:
@@ -48,16 +48,16 @@ class MirroredCourse(NamedTuple):
     @property
     def agrees(self) -> bool:
         """Whether the load is that of the mirrored position."""
-        has_course = not self.mirrored.varies or self.mirrored.correlation > MIN_CORRELATION
-        return has_course and 1.0 / MAX_SCALE < self.mirrored.scale < MAX_SCALE
+        has_waveform = not self.mirrored.varies or self.mirrored.correlation > MIN_CORRELATION
+        return has_waveform and 1.0 / MAX_SCALE < self.mirrored.scale < MAX_SCALE
 
 
-def check_joint_direction(positions: Sequence[tuple[str, Samples]], courses: Sequence[MirroredCourse]) -> list[Finding]:
+def check_joint_direction(positions: Sequence[tuple[str, Samples]], loads: Sequence[MirroredLoad]) -> list[Finding]:
     """Return a finding for each of the ``positions`` of a joint (name of the trial, samples) if its sign is reversed.
 
-    ``courses`` are those of all loads that depend on the joint.
+    ``loads`` are all that depend on the joint.
     """
-    judged = [each for each in courses if each.mirrored.is_informative and compute_size(each.mirrored.measured) > 0.0]
+    judged = [each for each in loads if each.mirrored.is_informative and compute_size(each.mirrored.measured) > 0.0]
     if not any(each.shows_reversal for each in judged) or not all(each.agrees for each in judged):
         return []
     sizes = np.array([compute_size(each.mirrored.measured) for each in judged])

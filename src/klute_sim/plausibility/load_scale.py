@@ -21,9 +21,9 @@ MIN_NET_FRACTION = 0.5
 """Smallest expected moment, over the sum of those of the single devices, that shows a scale (assumed: the difference of
 two antagonists that are 30 % off each may have any)."""
 MIN_VARIATION = 0.15
-"""Smallest standard deviation of an expected load, over its level, that shows a course (assumed)."""
+"""Smallest standard deviation of an expected load, over its level, that shows a waveform (assumed)."""
 MIN_CORRELATION = 0.7
-"""Smallest correlation with an expected course (assumed; delays reduce it)."""
+"""Smallest correlation with the expected time series (assumed; delays reduce it)."""
 MAX_SCALE = 3.0
 """Largest ratio of a right load to the expected one, and of the expected one to it (assumed: a muscle of twice or half
 the strength, or a moment arm twice as long, is possible; newton and pound-force differ by 4.4)."""
@@ -34,7 +34,7 @@ UNIT_TOLERANCE = 1.4
 """Largest ratio of a scale to that of a wrong unit (assumed: laws are up to 30 % off)."""
 
 
-class LoadCourse(NamedTuple):
+class LoadSeries(NamedTuple):
     """Measured and expected load at some moments of a trial, averaged over slow motion; NaN where they are unknown."""
 
     samples: Samples
@@ -97,20 +97,20 @@ def compute_misfit(measured: Array, expected: Array) -> float:
     return compute_size(measured - gain * expected)
 
 
-def check_load_scale(courses: Sequence[LoadCourse]) -> list[Finding]:
-    """Return findings for all ``courses`` of a channel if these have the opposite sign or another unit."""
-    judged = [course for course in courses if course.is_informative]
+def check_load_scale(series: Sequence[LoadSeries]) -> list[Finding]:
+    """Return findings for all ``series`` of a channel if these have the opposite sign or another unit."""
+    judged = [load for load in series if load.is_informative]
     if not judged:
         return []
-    scales = np.array([course.scale for course in judged])
+    scales = np.array([load.scale for load in judged])
     sign = float(np.sign(np.median(scales)))
-    if any(sign * course.correlation < MIN_CORRELATION for course in judged if course.varies):
+    if any(sign * load.correlation < MIN_CORRELATION for load in judged if load.varies):
         return []
     if sign < 0.0:
         is_near = np.all((scales > -MAX_SCALE) & (scales < -1.0 / MAX_SCALE))
-        return [_describe_sign(course) for course in judged] if is_near else []
+        return [_describe_sign(load) for load in judged] if is_near else []
     unit = _guess_unit(judged[0].samples, scales)
-    return [_describe_unit(course, unit) for course in judged] if unit else []
+    return [_describe_unit(load, unit) for load in judged] if unit else []
 
 
 def _guess_unit(samples: Samples, scales: Array) -> str:
@@ -123,24 +123,24 @@ def _guess_unit(samples: Samples, scales: Array) -> str:
     return ""
 
 
-def _state(course: LoadCourse) -> str:
+def _state(load: LoadSeries) -> str:
     """Return measured and expected load in words."""
-    samples = course.samples
-    measured = format_range(course.measured, samples.unit, samples.factor)
-    expected = format_range(course.expected, samples.unit, samples.factor)
+    samples = load.samples
+    measured = format_range(load.measured, samples.unit, samples.factor)
+    expected = format_range(load.expected, samples.unit, samples.factor)
     return (
         f"`{samples.channel}` is {measured} in slow motion, but the declared devices give {expected} at these "
         "positions and pressures"
     )
 
 
-def _describe_sign(course: LoadCourse) -> Finding:
-    is_moment = course.samples.channel.startswith("moment_")
+def _describe_sign(load: LoadSeries) -> Finding:
+    is_moment = load.samples.channel.startswith("moment_")
     rule = "a moment is positive where it turns the joint to larger angles" if is_moment else "tension is positive"
-    statement = f"{_state(course)}: its sign seems reversed; {rule}"
-    return Finding(f"{course.samples.channel}-sign", course.place, statement)
+    statement = f"{_state(load)}: its sign seems reversed; {rule}"
+    return Finding(f"{load.samples.channel}-sign", load.place, statement)
 
 
-def _describe_unit(course: LoadCourse, unit: str) -> Finding:
-    statement = f"{_state(course)}: is its unit {unit}? Correct the heading, or the numbers of the device"
-    return Finding(f"{course.samples.channel}-unit", course.place, statement)
+def _describe_unit(load: LoadSeries, unit: str) -> Finding:
+    statement = f"{_state(load)}: is its unit {unit}? Correct the heading, or the numbers of the device"
+    return Finding(f"{load.samples.channel}-unit", load.place, statement)

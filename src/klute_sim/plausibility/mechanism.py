@@ -95,13 +95,13 @@ def check_stuck_joint(
     if stops is not None and min(abs(value - stop) for stop in stops) < MAX_STOP_DISTANCE * (stops[1] - stops[0]):
         return []
     times = driving[0].channels["pressure_command"].time
-    courses = [
+    pressures = [
         np.interp(times, trial.channels["pressure_command"].time, trial.get_samples("pressure_command").value)
         / trial.limits.supply_pressure
         for trial in driving
     ]
-    differences = [first - second for i, first in enumerate(courses) for second in courses[:i]] or courses
-    if max(float(np.ptp(course)) for course in differences) < MIN_COMMAND_RANGE:
+    differences = [first - second for i, first in enumerate(pressures) for second in pressures[:i]] or pressures
+    if max(float(np.ptp(difference)) for difference in differences) < MIN_COMMAND_RANGE:
         return []
     trial = max(driving, key=lambda each: _compute_range(each.get_samples("pressure_command")))
     cause = f"{trial.get_name('pressure_command')} goes over {trial.format_channel('pressure_command')}"

@@ -39,7 +39,7 @@ MAX_FREQUENCY = 1.0
 RANGE_FRACTION = 0.6
 """Range of the target angle over that of the joint."""
 BLEND_TIME = 0.5
-"""Time in which the target moves from the initial angle to its random course [s]."""
+"""Time in which the target moves from the initial angle to its random trajectory [s]."""
 INITIAL_PRESSURE_FRACTIONS = 0.3, 0.6
 """Range of the initial pressures over the pressure of the supply."""
 ANGLE_ERROR_SCALE = np.radians(5.0)

@@ -1,8 +1,8 @@
 """Find walks whose pressures, the command and the measured one, are absolute.
 
 Their difference agrees with gauge pressures, but the muscle does not. In swing it pulls the foot down against the
-return spring, so a replay under one atmosphere too much has a larger tension there and another course of the ankle
-angle. The zero of the angle is often unknown, so only the level of the force counts.
+return spring, so a replay under one atmosphere too much has a larger tension there and another time series of the
+ankle angle. The zero of the angle is often unknown, so only the level of the force counts.
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,9 @@ def _agrees_with_gauge_pressures(measured: MeasuredTrial) -> bool:
     if not as_recorded or corrected.keys() != as_recorded.keys():
         return False
     misfits = [
-        (residuals.rms, corrected[name].rms) if name == "force" else (residuals.course, corrected[name].course)
+        (residuals.rms, corrected[name].rms)
+        if name == "force"
+        else (residuals.rms_without_offset, corrected[name].rms_without_offset)
         for name, residuals in as_recorded.items()
     ]
     is_better = any(after <= MAX_REMAINING_MISFIT * before for before, after in misfits)

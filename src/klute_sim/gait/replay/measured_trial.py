@@ -21,7 +21,7 @@ PLATE_CHANNELS = ("grf_vertical", "grf_forward", "cop_x")
 LABORATORY_MOMENT = "ankle_moment"
 """Measured channel that a laboratory computes from markers and plate."""
 TIME_STEP = 1e-3
-"""Time step of the replays [s]: courses, not noise, are compared."""
+"""Time step of the replays [s]: waveforms, not noise, are compared."""
 WARM_UP_TIME, END_TIME = 0.5, 0.06
 """Times at the start and at the end of a replay [s] that are not compared: its start at rest, and the edge of the
 filter of the motion."""
@@ -34,7 +34,7 @@ class Residual(NamedTuple):
 
     rms: float
     """RMS with the difference of the levels."""
-    course: float
+    rms_without_offset: float
     """RMS without this difference, for sensors whose zero is unknown."""
     unexplained: float
     """Share of the variance that no linear relation to the simulation explains; 1 and more for a negative one."""

@@ -1,6 +1,6 @@
 """Absolute pressures in all trials: each rests at the pressure of the atmosphere, where the muscle does not pull.
 
-A pressure that is too high by a constant changes neither the course of the force nor the agreement of pressure and
+A pressure that is too high by a constant changes neither the waveform of the force nor the agreement of pressure and
 command. A gauge that idles at a residual pressure differs in the force, which is that of the residual pressure.
 """
 

@@ -24,8 +24,8 @@ MIN_CALIBRATION, MIN_CALIBRATION_CORRELATION = 20.0, 0.95
 """Smallest ratio of scales, and smallest correlation with the simulation, of a force that was never calibrated
 (assumed)."""
 MIN_RELATIVE_FORCE_RANGE, MIN_LENGTH_RANGE = 0.15, 1e-3
-"""Smallest range of a simulated force, relative to its level, and of a simulated muscle length [m] whose course can be
-compared."""
+"""Smallest range of a simulated force, relative to its level, and of a simulated muscle length [m] whose waveform can
+be compared."""
 MIN_PRESSURE_SCALE = 0.02
 """Smallest fraction of the supply pressure to which pressure residuals are related."""
 
@@ -44,7 +44,7 @@ class Agreement(NamedTuple):
     span_ratio: float
     """Ratio of measured to simulated range, which a wrong zero of the sensor does not change."""
     correlation: float
-    """Correlation of measured and simulated course."""
+    """Correlation of measured and simulated waveform."""
 
     @property
     def scale_error(self) -> float:
@@ -109,7 +109,7 @@ def compare_trial(
 ) -> dict[str, Agreement]:
     """Return measured channel -> agreement for the channels whose simulation is informative.
 
-    Under a constant load any error of the law gives the simulated force another course, so with ``has_constant_load``
+    Under a constant load any error of the law gives the simulated force another waveform, so with ``has_constant_load``
     its magnitude alone is compared.
     """
     agreements: dict[str, Agreement] = {}
@@ -138,7 +138,7 @@ def compare_trial(
 
 
 def find_calibration(agreement: Agreement) -> float | None:
-    """Return the factor from measured to simulated force where both have one course and scales of no common unit."""
+    """Return the factor from measured to simulated force where both have one waveform and scales of no common unit."""
     if agreement.scale_error < math.log(MIN_CALIBRATION) or agreement.correlation < MIN_CALIBRATION_CORRELATION:
         return None
     if not (varies(agreement.measured) and varies(agreement.simulated)):  # a force that hardly varies is a load
@@ -147,7 +147,7 @@ def find_calibration(agreement: Agreement) -> float | None:
 
 
 def varies(force: Array) -> bool:
-    """Return whether the course of ``force`` can be compared."""
+    """Return whether the waveform of ``force`` can be compared."""
     return compute_span(force) >= MIN_RELATIVE_FORCE_RANGE * float(np.percentile(np.abs(force), 95.0))
 
 
@@ -178,7 +178,7 @@ def _compute_pressure_misfit(trial: RecordedTrial, measured: Array, expected: Ar
 
 
 def _compute_force_misfit(trial: RecordedTrial, measured: Array, expected: Array) -> float | None:
-    """Return the unexplained share of the course of a force, or 1 for a force of another scale or sign."""
+    """Return the unexplained share of the waveform of a force, or 1 for a force of another scale or sign."""
     level = float(np.median(np.abs(expected)))
     largest = float(np.percentile(np.abs(expected), 95.0))
     if largest < max(MIN_FORCE, 0.02 * trial.limits.max_force):
@@ -186,7 +186,7 @@ def _compute_force_misfit(trial: RecordedTrial, measured: Array, expected: Array
     if compute_span(expected) < MIN_RELATIVE_FORCE_RANGE * largest:
         ratio = float(np.median(measured)) / float(np.median(expected)) if level > 0.0 else 1.0
         return 0.0 if 1.0 / MAX_SCALE <= ratio <= MAX_SCALE else 1.0
-    misfit, scale = _compare_course(measured, expected)
+    misfit, scale = _compare_waveforms(measured, expected)
     ratio = float(np.percentile(np.abs(measured), 95.0)) / largest
     is_off = [not 1.0 / MAX_SCALE <= value <= MAX_SCALE for value in (scale, ratio)]
     return 1.0 if all(is_off) else misfit
@@ -201,15 +201,15 @@ def _compute_load_misfit(trial: RecordedTrial, measured: Array, expected: Array)
 
 
 def _compute_muscle_length_misfit(trial: RecordedTrial, measured: Array, expected: Array) -> float | None:
-    """Return the unexplained share of the course of a muscle length, whose sensor may have any zero."""
+    """Return the unexplained share of the waveform of a muscle length, whose sensor may have any zero."""
     if compute_span(expected) < MIN_LENGTH_RANGE:
         return None
-    misfit, scale = _compare_course(measured, expected)
+    misfit, scale = _compare_waveforms(measured, expected)
     return misfit if 1.0 / MAX_SCALE <= scale <= MAX_SCALE else 1.0
 
 
-def _compare_course(measured: Array, expected: Array) -> tuple[float, float]:
-    """Return the share of the course that a linear relation leaves, and the ratio of the ranges where it is small."""
+def _compare_waveforms(measured: Array, expected: Array) -> tuple[float, float]:
+    """Return the share of the waveform that a linear relation leaves, and the ratio of the ranges where it is small."""
     correlation = compute_correlation(measured, expected)
     misfit = 1.0 if correlation <= 0.0 else math.sqrt(max(0.0, 1.0 - correlation**2))
     if abs(correlation) < MIN_SCALE_CORRELATION:

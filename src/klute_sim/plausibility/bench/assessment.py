@@ -107,7 +107,7 @@ class Assessment:
 
     @cached_property
     def calibration(self) -> float | None:
-        """Factor from measured to simulated force where both have one course and scales of no common unit."""
+        """Factor from measured to simulated force where both have one waveform and scales of no common unit."""
         return find_calibration(self.agreements["force"]) if "force" in self.agreements else None
 
     def find_outcome(self, key: str) -> Outcome | None:
@@ -147,7 +147,7 @@ class Assessment:
             after,
             combine_misfits(corrected),
             worst,
-            # Units of one channel give equal courses: the right one gives the magnitude, too.
+            # Units of one channel give equal waveforms: the right one gives the magnitude, too.
             sum(agreement.scale_error for agreement in corrected.values()),
             is_convincing,
         )

@@ -102,13 +102,13 @@ def _find_mistake(assessment: Assessment, assessments: Sequence[Assessment]) -> 
 
 
 def _check_calibration(assessment: Assessment, assessments: Sequence[Assessment]) -> list[Finding]:
-    """Return a finding for a force that has the simulated course and a scale that no unit explains."""
+    """Return a finding for a force that has the simulated waveform and a scale that no unit explains."""
     trial = assessment.trial
     factor = assessment.calibration
     if factor is None or not confirm_calibration(assessment, assessments):
         return []
     statement = (
-        f"force is {trial.format_channel('force')}, but {{simulated_force}}, with the same course and {factor:.3g} "
+        f"force is {trial.format_channel('force')}, but {{simulated_force}}, with the same waveform and {factor:.3g} "
         "times the size: is it a voltage or a raw reading? State its calibration in [columns]"
     )
     return [_complete(Finding("force-unit", trial.place, statement), trial, assessment.agreements)]

@@ -13,7 +13,8 @@ MAX_EXCESS = 2.5
 """Largest ratio of the forces of a specimen to the simulated ones (assumed: a real muscle loses force, so only errors
 of its geometry make it stronger; a diameter that is wrong by a quarter gives 1.6, a second muscle 2)."""
 MIN_CLEAR_CORRELATION = 0.999
-"""Smallest correlation of a trial whose course the law explains (assumed: noise and hysteresis leave some per cent)."""
+"""Smallest correlation of a trial whose waveform the law explains (assumed: noise and hysteresis leave
+some per cent)."""
 
 
 def check_force_geometry(assessments: Sequence[Assessment]) -> list[Finding]:
@@ -38,7 +39,7 @@ def check_force_geometry(assessments: Sequence[Assessment]) -> list[Finding]:
 def _disagree(forces: Sequence[Agreement]) -> bool:
     """Return whether sizes and ranges of the ``forces`` are both off, so that no wrong zero explains it.
 
-    Only a course that the law explains tells the scale. No geometry explains a force that was never calibrated.
+    Only a waveform that the law explains tells the scale. No geometry explains a force that was never calibrated.
     """
     clear = [force for force in forces if force.correlation >= MIN_CLEAR_CORRELATION]
     if not clear:

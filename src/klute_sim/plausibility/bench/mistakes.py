@@ -64,7 +64,7 @@ def _list_sampling_rates(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield sampling rates that are wrong by a power of ten; every velocity and every lag shows them.
 
     The lag of the supply alone does not: a hose or a needle valve may be ten times as slow as the supply of the device
-    file. The force of a muscle without a damper then has the course of a recording with wrong times.
+    file. The force of a muscle without a damper then has the waveform of a recording with wrong times.
     """
     if not trial.channels.keys() & {"force", "muscle_length"}:
         return

@@ -18,7 +18,7 @@ from klute_sim.types import Array
 TIE = 0.02
 """Difference of misfits below which two explanations are equally good."""
 MIN_SCALE_CHANGE = 0.01
-"""Smallest difference of the errors of scale that tells which of two equal courses is nearer."""
+"""Smallest difference of the errors of scale that tells which of two equal waveforms is nearer."""
 MIN_AGREEING_SHARE = 2.0 / 3.0
 """Smallest share of the trials that agree better without the mistake among those that tell (assumed)."""
 MAX_CONTRADICTION_SHARE = 0.1

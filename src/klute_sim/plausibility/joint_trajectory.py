@@ -1,7 +1,7 @@
-"""Course of the position of a joint: its sign, its unit and its zero, by where the declared model rests.
+"""Trajectory of a joint: its sign, its unit and its zero, by where the declared model rests.
 
 The model at rest under the commands of each moment follows a slow motion. An oscillation that it lacks is averaged out
-over the natural period of the joint. Numbers of a model that are 20 % off hardly change the course.
+over the natural period of the joint. Numbers of a model that are 20 % off hardly change the trajectory.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,13 +18,13 @@ from klute_sim.types import Array
 
 MIN_MOTION = 0.05
 """Smallest standard deviation of the expected motion, over the range in which the devices can move the joint, that
-shows a course (assumed)."""
+shows a trajectory (assumed)."""
 MIN_SLOW_SHARE = 0.5
 """Smallest share of that deviation which an average over the natural period must leave (assumed)."""
 MIN_PERIODS = 3.0
 """Smallest duration of a trial in natural periods (assumed)."""
 MIN_CORRELATION, MIN_TYPICAL_CORRELATION = 0.7, 0.85
-"""Smallest correlation with the expected course in any trial, and in their median (assumed; delays reduce it)."""
+"""Smallest correlation with the expected trajectory in any trial, and in their median (assumed; delays reduce it)."""
 MAX_SCALE = 3.0
 """Largest ratio of the measured to the expected motion, or of the expected to the measured one (assumed)."""
 UNIT_TOLERANCE = 1.5
@@ -39,7 +39,7 @@ EXCHANGE_RATIO = 3.0
 """Smallest ratio of the difference of each pressure from its own command to that from the other command (assumed)."""
 
 
-class Course(NamedTuple):
+class JointTrajectory(NamedTuple):
     """Measured position of a joint in one trial, and where the model rests under the commands."""
 
     samples: Samples
@@ -61,7 +61,7 @@ class Course(NamedTuple):
 class _Comparison(NamedTuple):
     """How a measured position compares with the expected one."""
 
-    course: Course
+    trajectory: JointTrajectory
     correlation: float
     scale: float
     """Ratio of the measured to the expected motion."""
@@ -69,9 +69,9 @@ class _Comparison(NamedTuple):
     """Median difference [rad or m]."""
 
 
-def check_courses(courses: Sequence[Course]) -> list[Finding]:
-    """Return findings for all ``courses`` of a joint if these have the opposite sign, another unit or another zero."""
-    compared = [each for each in map(_compare, courses) if each is not None]
+def check_joint_trajectories(trajectories: Sequence[JointTrajectory]) -> list[Finding]:
+    """Return findings for all ``trajectories`` of a joint if these have the wrong sign, unit or zero."""
+    compared = [each for each in map(_compare, trajectories) if each is not None]
     if not compared:
         return []
     correlations = np.array([each.correlation for each in compared])
@@ -81,29 +81,33 @@ def check_courses(courses: Sequence[Course]) -> list[Finding]:
     scale = float(np.median([each.scale for each in compared]))
     if sign < 0.0:
         return [_describe_sign(each) for each in compared] if 1.0 / MAX_SCALE < scale < MAX_SCALE else []
-    unit = _guess_unit(compared[0].course.samples, scale)
+    unit = _guess_unit(compared[0].trajectory.samples, scale)
     if unit:
         return [_describe_unit(each, unit) for each in compared]
     offset = float(np.median([each.offset for each in compared]))
-    if 1.0 / MAX_SCALE < scale < MAX_SCALE and abs(offset) > MAX_ZERO_ERROR * courses[0].stop_range:
+    if 1.0 / MAX_SCALE < scale < MAX_SCALE and abs(offset) > MAX_ZERO_ERROR * trajectories[0].stop_range:
         return [_describe_zero(each, offset) for each in compared]
     return []
 
 
-def _compare(course: Course) -> _Comparison | None:
+def _compare(trajectory: JointTrajectory) -> _Comparison | None:
     """Return how the slow parts of measured and expected positions compare; None where the joint hardly moves."""
-    is_finite = np.isfinite(course.samples.value)
-    measured, expected, time = course.samples.value[is_finite], course.expected[is_finite], course.time[is_finite]
-    if len(time) < 3 or time[-1] - time[0] < MIN_PERIODS * course.natural_period:
+    is_finite = np.isfinite(trajectory.samples.value)
+    measured, expected, time = (
+        trajectory.samples.value[is_finite],
+        trajectory.expected[is_finite],
+        trajectory.time[is_finite],
+    )
+    if len(time) < 3 or time[-1] - time[0] < MIN_PERIODS * trajectory.natural_period:
         return None
     uniform = np.linspace(time[0], time[-1], len(time))
-    width = max(1, round(course.natural_period / (uniform[1] - uniform[0])))
+    width = max(1, round(trajectory.natural_period / (uniform[1] - uniform[0])))
     measured, slow = (_average(np.interp(uniform, time, values), width) for values in (measured, expected))
     motion = float(np.std(slow))
-    if motion <= 0.0 or motion < MIN_MOTION * course.reach or motion < MIN_SLOW_SHARE * float(np.std(expected)):
+    if motion <= 0.0 or motion < MIN_MOTION * trajectory.reach or motion < MIN_SLOW_SHARE * float(np.std(expected)):
         return None
     correlation = compute_correlation(measured, slow)
-    return _Comparison(course, correlation, float(np.std(measured)) / motion, float(np.median(measured - slow)))
+    return _Comparison(trajectory, correlation, float(np.std(measured)) / motion, float(np.median(measured - slow)))
 
 
 def _guess_unit(samples: Samples, scale: float) -> str:
@@ -122,35 +126,35 @@ def _average(values: Array, width: int) -> Array:
 
 def _state(comparison: _Comparison) -> str:
     """Return measured and expected positions in words."""
-    samples = comparison.course.samples
-    expected = format_range(comparison.course.expected, samples.unit, samples.factor)
+    samples = comparison.trajectory.samples
+    expected = format_range(comparison.trajectory.expected, samples.unit, samples.factor)
     measured = format_range(samples.finite, samples.unit, samples.factor)
     return f"`{samples.channel}` is {measured}, but the model rests at {expected} under these commands"
 
 
 def _describe_sign(comparison: _Comparison) -> Finding:
-    course = comparison.course
+    trajectory = comparison.trajectory
     statement = (
         f"{_state(comparison)}, and moves in the opposite direction (correlation {comparison.correlation:.2f}): its "
         "sign is reversed, or two antagonists are exchanged in the headings, in [devices] or in the model"
     )
-    return Finding(f"{course.samples.channel}-sign", course.place, statement)
+    return Finding(f"{trajectory.samples.channel}-sign", trajectory.place, statement)
 
 
 def _describe_unit(comparison: _Comparison, unit: str) -> Finding:
-    course = comparison.course
-    statement = f"{_state(comparison)}, with the same course: is its unit {unit}? Correct the heading"
-    return Finding(f"{course.samples.channel}-unit", course.place, statement)
+    trajectory = comparison.trajectory
+    statement = f"{_state(comparison)}, with the same waveform: is its unit {unit}? Correct the heading"
+    return Finding(f"{trajectory.samples.channel}-unit", trajectory.place, statement)
 
 
 def _describe_zero(comparison: _Comparison, offset: float) -> Finding:
-    samples = comparison.course.samples
+    samples = comparison.trajectory.samples
     distance = format_value(-offset, samples.unit, samples.factor)
     statement = (
-        f"{_state(comparison)}, with the same course: its zero differs from that of the model (add about {distance} in "
-        "[columns]), or a length of the model or of a device is wrong"
+        f"{_state(comparison)}, with the same waveform: its zero differs from that of the model (add about "
+        f"{distance} in [columns]), or a length of the model or of a device is wrong"
     )
-    return Finding(f"{samples.channel}-zero", comparison.course.place, statement)
+    return Finding(f"{samples.channel}-zero", comparison.trajectory.place, statement)
 
 
 def check_exchanged_pressures(

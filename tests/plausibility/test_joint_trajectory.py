@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from klute_sim.plausibility.joint_course import Course, check_courses
+from klute_sim.plausibility.joint_trajectory import JointTrajectory, check_joint_trajectories
 from klute_sim.plausibility.samples import Samples
 from klute_sim.types import Array
 
@@ -13,9 +13,9 @@ STOP_RANGE = np.radians(130.0)
 OSCILLATION = np.radians(5.0) * np.sin(13.0 * TIME)
 
 
-def make_course(measured: Array, period: float = 0.5) -> Course:
+def make_trajectory(measured: Array, period: float = 0.5) -> JointTrajectory:
     samples = Samples("angle_elbow", measured, "deg", np.pi / 180.0)
-    return Course(samples, TIME, EXPECTED, period, STOP_RANGE, STOP_RANGE, "trial 'a'")
+    return JointTrajectory(samples, TIME, EXPECTED, period, STOP_RANGE, STOP_RANGE, "trial 'a'")
 
 
 @pytest.mark.parametrize(
@@ -27,7 +27,7 @@ def make_course(measured: Array, period: float = 0.5) -> Course:
     ],
 )
 def test_mistake_is_found(measured: Array, name: str, part: str) -> None:
-    (finding,) = check_courses([make_course(measured)])
+    (finding,) = check_joint_trajectories([make_trajectory(measured)])
     assert finding.name == name
     assert part in finding.statement
 
@@ -43,17 +43,17 @@ def test_mistake_is_found(measured: Array, name: str, part: str) -> None:
         np.where(TIME < 3.0, np.nan, EXPECTED),
     ],
 )
-def test_other_course_is_accepted(measured: Array) -> None:
-    assert check_courses([make_course(measured)]) == []
+def test_other_trajectory_is_accepted(measured: Array) -> None:
+    assert check_joint_trajectories([make_trajectory(measured)]) == []
 
 
 def test_joint_that_its_springs_hold_is_not_judged() -> None:
     """Devices without a supply cannot move the joint, and the model rests at one angle."""
-    held = make_course(EXPECTED)._replace(expected=np.full(400, 0.5), reach=0.0)
-    assert check_courses([held]) == []
+    held = make_trajectory(EXPECTED)._replace(expected=np.full(400, 0.5), reach=0.0)
+    assert check_joint_trajectories([held]) == []
 
 
 def test_short_or_fast_trials_and_contradicting_ones_are_not_judged() -> None:
-    assert check_courses([make_course(-EXPECTED, period=5.0)]) == []
-    assert check_courses([make_course(-EXPECTED), make_course(EXPECTED)]) == []
-    assert check_courses([]) == []
+    assert check_joint_trajectories([make_trajectory(-EXPECTED, period=5.0)]) == []
+    assert check_joint_trajectories([make_trajectory(-EXPECTED), make_trajectory(EXPECTED)]) == []
+    assert check_joint_trajectories([]) == []
