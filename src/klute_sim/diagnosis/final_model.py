@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from klute_sim.diagnosis.discrepancy.data_driven_comparison import compare_with_data_driven_models
 from klute_sim.diagnosis.discrepancy.data_driven_rival import (
     compute_bic_difference,
     compute_decisive_threshold,
@@ -14,7 +15,6 @@ from klute_sim.diagnosis.discrepancy.data_driven_rival import (
     find_decisive_term,
     find_rival_of_number,
 )
-from klute_sim.diagnosis.discrepancy.imitation import compare_with_data_driven_models
 from klute_sim.diagnosis.discrepancy.sparse_regression import add_data_driven_term
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals

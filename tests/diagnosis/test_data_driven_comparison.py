@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from klute_sim.datasets.trial import TimeSeries
-from klute_sim.diagnosis.discrepancy import imitation
-from klute_sim.diagnosis.discrepancy.imitation import DataDrivenComparison, compare_with_data_driven_models
+from klute_sim.diagnosis.discrepancy import data_driven_comparison
+from klute_sim.diagnosis.discrepancy.data_driven_comparison import DataDrivenComparison, compare_with_data_driven_models
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
@@ -86,7 +86,7 @@ def test_true_name_stands(with_friction: tuple[ForwardSelection, Fit]) -> None:
 def test_term_elsewhere_that_predicts_as_well_is_a_rival(
     with_friction: tuple[ForwardSelection, Fit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(imitation, "locate_term", lambda term: term.effect)
+    monkeypatch.setattr(data_driven_comparison, "locate_term", lambda term: term.effect)
     search, base = with_friction
     better, rival = judge(search, base, add_terms(search, base, BRAID_FRICTION))
     assert better is None
@@ -98,7 +98,7 @@ def test_term_elsewhere_that_predicts_as_well_is_a_rival(
 def test_term_beside_the_name_is_a_rival_if_it_does_not_contain_it(
     with_friction: tuple[ForwardSelection, Fit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(imitation, "contains_names", lambda *_: False)
+    monkeypatch.setattr(data_driven_comparison, "contains_names", lambda *_: False)
     search, base = with_friction
     named = add_terms(search, base, BRAID_FRICTION)
     rival = judge(search, base, named).rival
