@@ -26,7 +26,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     divide_into_folds,
     is_as_good,
     list_reduced_models,
-    refuse_idle_terms,
+    refuse_redundant_terms,
 )
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
 from klute_sim.diagnosis.selection.screening import Candidate
@@ -121,16 +121,16 @@ def test_term_that_only_moves_a_parameter_off_its_bound_is_no_name() -> None:
     at_bound = make_model((FRICTION,), [0.05, 0.06, 0.05, 0.06, 0.05, 0.06], "it is at its bound")
     idle = make_model((FRICTION, GAIN), [0.04, 0.05, 0.04, 0.05, 0.04, 0.05])
     other = make_model((TAPER, GAIN), [0.5, 0.6, 0.5, 0.6, 0.5, 0.6])
-    checked = refuse_idle_terms(BASE, [idle, at_bound, other, BASE], 6)
+    checked = refuse_redundant_terms(BASE, [idle, at_bound, other, BASE], 6)
     assert "friction" in checked[0].obstacle
     assert "it is at its bound" in checked[0].obstacle
     assert checked[1:] == [at_bound, other, BASE]
     form = EffectTerm("seal_friction", "stribeck")
     other_form = make_model((form, GAIN), [0.04, 0.05, 0.04, 0.05, 0.04, 0.05])
-    assert refuse_idle_terms(BASE, [other_form, at_bound, BASE], 6) == [other_form, at_bound, BASE]
+    assert refuse_redundant_terms(BASE, [other_form, at_bound, BASE], 6) == [other_form, at_bound, BASE]
     needed = make_model((FRICTION, GAIN), [0.4, 0.5, 0.4, 0.5, 0.4, 0.5])
     poor = make_model((FRICTION,), [2.0, 2.1, 2.0, 2.1, 2.0, 2.1], "it is at its bound")
-    assert refuse_idle_terms(BASE, [needed, poor, BASE], 6) == [needed, poor, BASE]
+    assert refuse_redundant_terms(BASE, [needed, poor, BASE], 6) == [needed, poor, BASE]
 
 
 def test_names_that_refused_models_replace_stand_in_for_something_else() -> None:

@@ -245,7 +245,7 @@ def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp], noi
     return min(good, key=lambda model: (len(model.terms), *rank(model)))
 
 
-def refuse_idle_terms(
+def refuse_redundant_terms(
     base: PredictiveModel, models: Sequence[PredictiveModel], n_folds: int, noise: float = 0.0
 ) -> list[PredictiveModel]:
     """Return ``models``; one that may be named only for a term that predicts nothing may not be named.

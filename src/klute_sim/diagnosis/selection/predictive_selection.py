@@ -44,7 +44,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     is_as_good,
     list_reduced_models,
     rank_model,
-    refuse_idle_terms,
+    refuse_redundant_terms,
 )
 from klute_sim.diagnosis.selection.robustness import check_convergence
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
@@ -313,7 +313,7 @@ class PredictiveSelection:
     def _decide(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
         fold_noise = [noise for noise in map(self.compute_fold_noise, self.folds) if noise is not None]
         noise = float(np.mean(fold_noise)) if fold_noise else 0.0
-        models = refuse_idle_terms(base, models, len(self.folds), noise)
+        models = refuse_redundant_terms(base, models, len(self.folds), noise)
         nameable = [model for model in models if not model.obstacle]
         chosen, stability = choose_stable_model(nameable, len(self.folds), noise) if nameable else (base, {})
         has_substitutes = are_substitutes(chosen, models)
