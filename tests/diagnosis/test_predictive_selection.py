@@ -20,7 +20,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
     PredictiveModel,
     PredictiveResult,
-    are_substitutes,
+    are_proxies,
     choose_model,
     choose_stable_model,
     divide_into_folds,
@@ -136,16 +136,16 @@ def test_term_that_only_moves_a_parameter_off_its_bound_is_no_name() -> None:
 def test_names_that_refused_models_replace_stand_in_for_something_else() -> None:
     pair = make_model((FRICTION, GAIN), [0.2] * 6)
     other = make_model((TAPER,), [0.21] * 6, "it is at its bound")
-    assert are_substitutes(pair, [pair, other, BASE])
+    assert are_proxies(pair, [pair, other, BASE])
     # Not where one of the names is in all such models, and they predict worse or may be named (as rivals).
     partly = make_model((FRICTION, TAPER), [0.21] * 6, "it is at its bound")
-    assert not are_substitutes(pair, [pair, partly, BASE])
+    assert not are_proxies(pair, [pair, partly, BASE])
     worse = make_model((TAPER,), [0.3] * 6, "it is at its bound")
     nameable = make_model((TAPER,), [0.21] * 6)
-    assert not are_substitutes(pair, [pair, worse, nameable, BASE])
+    assert not are_proxies(pair, [pair, worse, nameable, BASE])
     single = make_model((FRICTION,), [0.2] * 6)
-    assert not are_substitutes(single, [single, other, BASE])
-    decision = decide_verdict(replace(make_result(pair, [], 1.0, 0.9), has_substitutes=True))
+    assert not are_proxies(single, [single, other, BASE])
+    decision = decide_verdict(replace(make_result(pair, [], 1.0, 0.9), has_proxies=True))
     assert decision.verdict == "unexplained"
     assert "something else is missing" in decision.reasons[-1]
 

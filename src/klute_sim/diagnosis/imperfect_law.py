@@ -149,7 +149,7 @@ def decide_verdict(
             f"A share of {100 * result.share:.0f} % is not enough for a name; {100 * MIN_SHARE:.0f} % are required."
         )
         return ImperfectLawDecision(unexplained, reasons)
-    if result.has_substitutes:
+    if result.has_proxies:
         reasons.append(
             f"Models without {' or without '.join(map(str, chosen.terms))} predict as well, but may not be "
             "named: something else is missing that resembles them, and they are proxies."

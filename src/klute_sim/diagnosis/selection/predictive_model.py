@@ -113,8 +113,8 @@ class PredictiveResult:
     """What is left out: 'condition', 'specimen' or 'part'."""
     n_folds: int
     """Number of conditions, specimens or parts."""
-    has_substitutes: bool = False
-    """Whether the terms of the chosen model stand in for what may not be named (:func:`are_substitutes`)."""
+    has_proxies: bool = False
+    """Whether the terms of the chosen model stand in for what may not be named (:func:`are_proxies`)."""
 
     @property
     def is_stable(self) -> bool:
@@ -268,7 +268,7 @@ def refuse_redundant_terms(
     return checked
 
 
-def are_substitutes(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> bool:
+def are_proxies(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> bool:
     """Return whether each term of a ``chosen`` set stands in for something that may not be named.
 
     Models of ``models`` without such a term predict as well, but have an obstacle, such as a parameter at its bound:

@@ -37,7 +37,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
     PredictiveModel,
     PredictiveResult,
-    are_substitutes,
+    are_proxies,
     choose_stable_model,
     compute_share,
     divide_into_folds,
@@ -316,8 +316,8 @@ class PredictiveSelection:
         models = refuse_redundant_terms(base, models, len(self.folds), noise)
         nameable = [model for model in models if not model.obstacle]
         chosen, stability = choose_stable_model(nameable, len(self.folds), noise) if nameable else (base, {})
-        has_substitutes = are_substitutes(chosen, models)
-        while not has_substitutes and (reduced := list_reduced_models(chosen, nameable, models)):
+        has_proxies = are_proxies(chosen, models)
+        while not has_proxies and (reduced := list_reduced_models(chosen, nameable, models)):
             reduced_choice, reduced_stability = choose_stable_model(reduced, len(self.folds), noise)
             if compute_share(base, reduced_choice, noise) < MIN_SHARE:
                 break
@@ -340,7 +340,7 @@ class PredictiveSelection:
             noise,
             self.fold_kind,
             len(self.folds),
-            has_substitutes,
+            has_proxies,
         )
 
 
