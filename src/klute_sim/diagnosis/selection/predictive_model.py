@@ -225,7 +225,7 @@ def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp], noi
     def rank(model: PredictiveModel) -> tuple[float, str]:
         return errors[id(model)], str(model.terms)
 
-    def takes_enough(larger: PredictiveModel, model: PredictiveModel) -> bool:
+    def reduces_error_enough(larger: PredictiveModel, model: PredictiveModel) -> bool:
         n_further = len(larger.terms) - len(model.terms)
         n_faults = min(n_further, max(0, count_faults(larger) - count_faults(model)))
         left = (1.0 - MIN_PARTIAL_SHARE) ** (n_further - n_faults) * (1.0 - MIN_FAULT_SHARE) ** n_faults
@@ -240,7 +240,7 @@ def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp], noi
         for model in models
         if errors[id(model)] <= errors[id(best)] + margin
         or is_as_good(model, best, folds)
-        or (model.terms and not any(takes_enough(larger, model) for larger in models))
+        or (model.terms and not any(reduces_error_enough(larger, model) for larger in models))
     ]
     return min(good, key=lambda model: (len(model.terms), *rank(model)))
 
