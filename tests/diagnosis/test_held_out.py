@@ -19,7 +19,7 @@ from klute_sim.diagnosis.held_out import (
     BASE_MODEL,
     FINAL_MODEL,
     NOMINAL_MODEL,
-    denies_misfit,
+    claims_no_misfit,
     record_confirmation,
     record_declared_advantage,
     record_divergence,
@@ -101,14 +101,14 @@ def test_equivalent_models_deny_a_misfit_of_the_test_trials_unless_one_explains_
     diagnosis = make_diagnosis(distorted, "indistinguishable")
     diagnosis.equivalent_models = [EquivalentModel(base, 1.0)]
     diagnosis.fitted_experiments, diagnosis.noise, diagnosis.final_fit = list(data.experiments), dict(data.noise), base
-    assert not denies_misfit(diagnosis, evaluated)  # the named model leaves a misfit in the fitted trials already
+    assert not claims_no_misfit(diagnosis, evaluated)  # the named model leaves a misfit in the fitted trials already
     diagnosis.final_fit = gain
-    assert denies_misfit(diagnosis, evaluated)
+    assert claims_no_misfit(diagnosis, evaluated)
     diagnosis.prediction = cast(Any, object())  # the law is imperfect: no model reached the noise before
-    assert not denies_misfit(diagnosis, evaluated)
+    assert not claims_no_misfit(diagnosis, evaluated)
     diagnosis.prediction = None
     diagnosis.equivalent_models.append(EquivalentModel(gain, 2.0))
-    assert not denies_misfit(diagnosis, evaluated)
+    assert not claims_no_misfit(diagnosis, evaluated)
 
 
 @pytest.mark.parametrize("verdict", ["nothing-missing", "identified", "indistinguishable"])

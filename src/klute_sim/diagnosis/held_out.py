@@ -58,7 +58,7 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
     evaluated, residuals = _compute_residuals(diagnosis, data)
     if diagnosis.evaluated_on == "test":
         misfits = _select_unseen(diagnosis, estimate_misfit(evaluated.experiments, residuals, data.noise))
-        if misfits and denies_misfit(diagnosis, evaluated):
+        if misfits and claims_no_misfit(diagnosis, evaluated):
             record_test_misfit(
                 diagnosis,
                 misfits,
@@ -115,7 +115,7 @@ def _select_unseen(diagnosis: Diagnosis, misfits: Mapping[str, Misfit]) -> dict[
     }
 
 
-def denies_misfit(diagnosis: Diagnosis, evaluated: WeightedData) -> bool:
+def claims_no_misfit(diagnosis: Diagnosis, evaluated: WeightedData) -> bool:
     """Return whether the verdict of ``diagnosis`` says that its model reaches the noise, and no other model does so.
 
     `indistinguishable` stays where one of the equivalent models explains the ``evaluated`` trials, or where some of
