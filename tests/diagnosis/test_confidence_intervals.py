@@ -13,12 +13,12 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.confidence_intervals import (
     NOISE_BLOCK_TIME,
     ChannelInfluence,
+    align_deviations,
     combine_degrees_of_freedom,
     compute_confidence_intervals,
     convert_reciprocal_errors,
     estimate_block_variances,
     estimate_spectral_variances,
-    place_noise,
 )
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
@@ -111,7 +111,7 @@ def test_noise_of_a_repeat_is_placed_where_it_occurred() -> None:
     repeats = AlignedRepeats(
         "g", np.array([2.0, 3.0, 4.0]), np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]), np.ones((2, 3)), ("a", "b")
     )
-    placed = place_noise(repeats, np.arange(6.0))
+    placed = align_deviations(repeats, np.arange(6.0))
     np.testing.assert_allclose(placed[:, 2:5], repeats.deviations)
     assert placed.shape == (2, 6)
 

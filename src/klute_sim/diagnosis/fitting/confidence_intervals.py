@@ -299,7 +299,7 @@ def _group_influences(data: WeightedData, fit: Fit, pseudoinverse: Array) -> lis
             if own is None:
                 noise = np.array([np.resize(row, n_samples) for row in default])
             else:
-                noise = place_noise(own, experiment.align_time(series.time - experiment.start_time))
+                noise = align_deviations(own, experiment.align_time(series.time - experiment.start_time))
             sensitivity = pseudoinverse[:, start : start + n_samples] * data.noise[channel].weight(interval)
             sensitivity = sensitivity / experiment.input_error_scale.get(channel, 1.0)
             trial.append(ChannelInfluence(sensitivity, noise, interval))
@@ -309,7 +309,7 @@ def _group_influences(data: WeightedData, fit: Fit, pseudoinverse: Array) -> lis
     return list(groups.values())
 
 
-def place_noise(repeats: AlignedRepeats, time: Array) -> Array:
+def align_deviations(repeats: AlignedRepeats, time: Array) -> Array:
     """Return the deviations of ``repeats`` where they occurred, at the aligned ``time`` [s] of one of them.
 
     The result is (repeats, samples). Before and after the time that all repeats cover, noise from elsewhere stands in.
