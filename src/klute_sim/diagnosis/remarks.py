@@ -25,7 +25,7 @@ MAX_INTERVAL_FRACTION = 0.5
 the value is not determined (assumed)."""
 HIGH_COMMAND_PERCENTILE = 99.0
 """Percentile of the commands of a trial that is compared with the supply; a spike in a log is higher (assumed)."""
-LENGTH_ZERO_TWINS = frozenset({"tendon_slack", "tendon.slack_length_mm"})
+CONFOUNDED_WITH_LENGTH_ZERO = frozenset({"tendon_slack", "tendon.slack_length_mm"})
 """Effect and number that a wrong zero of the length imitates exactly."""
 MAX_COMMAND_RATIO = 1.02
 """Largest ratio of a command to the pressure of the supply that is no reason for a remark (assumed: a calibration)."""
@@ -79,7 +79,7 @@ def describe_length_zero(trials: Sequence[Trial], fits: Iterable[Fit]) -> list[s
 
     A longer tendon at rest and a length that reads too much are the same in every reading.
     """
-    names = {term.number or term.effect for fit in fits for term in fit.hypothesis.terms} & LENGTH_ZERO_TWINS
+    names = {term.number or term.effect for fit in fits for term in fit.hypothesis.terms} & CONFOUNDED_WITH_LENGTH_ZERO
     if not names or not any("length" in trial.prescribed for trial in trials):
         return []
     return [
