@@ -42,7 +42,7 @@ PRESSURE_STEP_TIME = 1.0
 """Duration of a step of pressure [s]."""
 PRESSURE_LEVELS = (0.0, 1.0, 0.5, 0.0, 0.5, 1.0)
 """Steps of pressure over the largest commanded pressure."""
-AS_BEFORE = "the person walks as before"
+UNCHANGED_GAIT_ASSUMPTION = "the person walks as before"
 
 
 class GaitProtocol(NamedTuple):
@@ -72,38 +72,38 @@ def list_gait_protocols() -> tuple[GaitProtocol, ...]:
         GaitProtocol(
             "controller_off",
             "a walk with the controller off and the muscles vented",
-            AS_BEFORE,
+            UNCHANGED_GAIT_ASSUMPTION,
             lambda walk: replace(walk, command=np.zeros_like(walk.command)),
         ),
         GaitProtocol(
             "constant_pressure",
             "a walk with constant pressure, half of the largest so far",
-            AS_BEFORE,
+            UNCHANGED_GAIT_ASSUMPTION,
             lambda walk: replace(walk, command=np.full_like(walk.command, 0.5 * walk.command.max())),
         ),
         GaitProtocol(
             "clamped_ankle",
             "a walk with the ankle clamped at its neutral angle",
-            f"the clamp is rigid, and {AS_BEFORE}",
+            f"the clamp is rigid, and {UNCHANGED_GAIT_ASSUMPTION}",
             lambda walk: replace(walk, foot_change=_clamp_ankle),
         ),
         GaitProtocol(
             "markers_below_socket",
             "a walk with all markers of the shank on the prosthesis, below the socket",
-            AS_BEFORE,
+            UNCHANGED_GAIT_ASSUMPTION,
             lambda walk: replace(walk, foot_change=_hold_socket),
         ),
         GaitProtocol(
             "mass_on_foot",
             f"a walk with {ADDED_MASS:g} kg attached to the foot, at its centre of mass",
-            AS_BEFORE,
+            UNCHANGED_GAIT_ASSUMPTION,
             lambda walk: replace(walk, foot_change=_add_mass),
         ),
         GaitProtocol(
             "softer_foot",
             "a walk with another foot or shoe that is known to yield by "
             f"{np.degrees(ADDED_COMPLIANCE):.2g} degrees per N·m more",
-            f"its compliance was measured, and {AS_BEFORE}",
+            f"its compliance was measured, and {UNCHANGED_GAIT_ASSUMPTION}",
             lambda walk: replace(walk, foot_change=_soften_foot),
         ),
         GaitProtocol(
