@@ -94,7 +94,7 @@ STEPS_REMARK = (
     "those of the other trials are interpolated linearly"
 )
 """Beginning of the remark where only some trials have a zero-order hold."""
-AGREEMENT = "and the measured pressure agrees with this only."
+PRESSURE_AGREEMENT_REMARK = "and the measured pressure agrees with this only."
 """End of a remark where measured pressures decide."""
 GAUGE_EFFECTS = "sensor_gain", "sensor_offset"
 """Faults of a gauge that must not hide which interpolation of the commands the pressures agree with."""
@@ -124,7 +124,7 @@ def prepare_zero_order_hold(
     preparations = [
         (
             prepare([e.zero_order_hold_variant or e for e in linear.experiments]),
-            f"{ZERO_ORDER_HOLD_REMARK}, {AGREEMENT}",
+            f"{ZERO_ORDER_HOLD_REMARK}, {PRESSURE_AGREEMENT_REMARK}",
         )
     ]
     if _is_pressure_explained_by_hold(linear, preparations[0][0]):
@@ -133,7 +133,7 @@ def prepare_zero_order_hold(
         stepped = prepare(
             [(e.zero_order_hold_variant or e) if e.has_stepped_command else e for e in linear.experiments]
         )
-        preparations.append((stepped, f"{STEPS_REMARK}, {AGREEMENT}"))
+        preparations.append((stepped, f"{STEPS_REMARK}, {PRESSURE_AGREEMENT_REMARK}"))
         if _is_pressure_explained_by_hold(linear, stepped):
             return preparations[1]
     extended = _fit_gauges_and_supply(linear)
@@ -203,7 +203,7 @@ def select_command_interpolation(
     has_further_shift = hold.n_time_shifts > linear.n_time_shifts
     is_decided = _is_pressure_explained_by_hold(linear, hold) or is_less_left
     if is_decided or (not has_further_shift and _is_pressure_explained_by_names(linear, hold)):
-        return hold, [f"{ZERO_ORDER_HOLD_REMARK}, {AGREEMENT}"]
+        return hold, [f"{ZERO_ORDER_HOLD_REMARK}, {PRESSURE_AGREEMENT_REMARK}"]
     # What the interpolation of the command explains as well needs no name, a shift in time least of all.
     if has_further_shift or hold.selected.verdict == "unexplained" != linear.selected.verdict:
         return linear, []
