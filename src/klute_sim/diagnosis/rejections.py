@@ -12,7 +12,7 @@ from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult, compare_errors
 from klute_sim.diagnosis.selection.selection_step import SelectionStep
 
-LATER = "; after that, "
+LAST_SCREENING_SEPARATOR = "; after that, "
 """Words between the reason of the fit and that of the last screening."""
 
 
@@ -44,7 +44,10 @@ def list_rejections(diagnosis: Diagnosis) -> list[Rejection]:
         for key, rejection in _explain_step(step, diagnosis.n_independent).items():
             earlier = rejections.get(key)
             if earlier is not None and earlier.is_fitted and not rejection.is_fitted:
-                rejection = replace(earlier, reason=f"{earlier.reason.split(LATER)[0]}{LATER}{rejection.reason}")
+                rejection = replace(
+                    earlier,
+                    reason=f"{earlier.reason.split(LAST_SCREENING_SEPARATOR)[0]}{LAST_SCREENING_SEPARATOR}{rejection.reason}",
+                )
             rejections[key] = rejection
         if step.added_term is not None:
             rejections[step.added_term.identity] = Rejection(step.added_term, _explain_removal(diagnosis))

@@ -42,7 +42,7 @@ MAX_INTERVAL_VARIATION = 0.01
 MIN_REGULAR_FRACTION = 0.9
 """Smallest fraction of equal sampling intervals of an uneven signal that is smoothed outside of holds: what an
 irregular one is between its samples is not known well enough (assumed)."""
-MAX_STRETCH = 4
+MAX_UPSAMPLING_FACTOR = 4
 """Largest number of even samples per sample of an unevenly sampled signal; a pause in a log would take any
 number (assumed)."""
 
@@ -79,7 +79,7 @@ def denoise(time: Array, value: Array) -> Array:
     steps = np.diff(time)
     if np.ptp(steps) <= MAX_INTERVAL_VARIATION * steps.mean():
         return _smooth(value, deviation, windows)
-    n_even = min(round((time[-1] - time[0]) / float(np.median(steps))) + 1, MAX_STRETCH * len(time))
+    n_even = min(round((time[-1] - time[0]) / float(np.median(steps))) + 1, MAX_UPSAMPLING_FACTOR * len(time))
     even = np.linspace(time[0], time[-1], max(n_even, 2 * windows[0]))
     even_value, limit = np.interp(even, time, value), MAX_UNEVEN_CHANGE_SIGMAS * deviation
     is_regular = np.abs(steps - np.median(steps)) <= MAX_INTERVAL_VARIATION * np.median(steps)
