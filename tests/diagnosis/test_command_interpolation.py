@@ -216,7 +216,7 @@ def test_pressure_decides_where_the_law_of_the_muscle_is_imperfect(
     replace_computations(monkeypatch, chi2=0.0)
     outcome, remarks = select_interpolation(linear, hold)
     assert outcome is (hold if is_hold else linear)
-    assert [remark.endswith("agrees with this only.") for remark in remarks] == [True] * is_hold
+    assert [remark.endswith("agrees with the zero-order hold only.") for remark in remarks] == [True] * is_hold
     prepared = command_interpolation.prepare_zero_order_hold(linear, lambda trials: hold)
     assert prepared == ((hold, remarks[0]) if is_hold else None)
 

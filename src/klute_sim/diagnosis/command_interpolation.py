@@ -94,7 +94,7 @@ STEPS_REMARK = (
     "those of the other trials are interpolated linearly"
 )
 """Beginning of the remark where only some trials have a zero-order hold."""
-PRESSURE_AGREEMENT_REMARK = "and the measured pressure agrees with this only."
+PRESSURE_AGREEMENT_REMARK = "and the measured pressure agrees with the zero-order hold only."
 """End of a remark where measured pressures decide."""
 GAUGE_EFFECTS = "sensor_gain", "sensor_offset"
 """Faults of a gauge that must not hide which interpolation of the commands the pressures agree with."""
