@@ -181,7 +181,7 @@ def test_names_that_one_fold_decides_do_not_withhold_the_others() -> None:
 def test_choice_stands_where_no_model_of_the_stable_names_may_be_named() -> None:
     tension = make_model((FRICTION, TENSION), [0.1] * 6)
     taper = make_model((FRICTION, TAPER), [0.22, 0.22, 0.045, 0.045, 0.045, 0.045])
-    chosen, stability = choose_stable_model([tension, taper], 6)
+    chosen, stability = choose_stable_model([BASE, tension, taper], 6)
     assert chosen in (tension, taper)
     assert stability[FRICTION] == 1.0
     assert min(stability.values()) < 0.8

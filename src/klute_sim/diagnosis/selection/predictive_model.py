@@ -313,7 +313,7 @@ def choose_stable_model(
 
     stability = measure_stability(chosen)
     stable = frozenset(term.identity for term, fraction in stability.items() if fraction >= MIN_STABILITY)
-    supported = [model for model in models if model.identities <= stable]
+    supported = [model for model in models if model.terms and model.identities <= stable]
     if stable and stable != chosen.identities and supported:
         chosen = choose_model(supported, folds, noise)
         stability = measure_stability(chosen)
