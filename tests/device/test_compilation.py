@@ -5,6 +5,7 @@ This file runs first: other workers find the machine code on disk instead of bui
 
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 from klute_sim.device import batch_outputs, recorded_rollout, rollout
@@ -12,6 +13,7 @@ from klute_sim.gait.replay import rollout as gait_replay
 from klute_sim.plant import compiled_callbacks
 from klute_sim.walker.simulation import backend
 
+ROOT = Path(__file__).parents[2]
 COUNT_BUILDS = (
     "from tests.device.test_compilation import load_all\n"
     "print(sum(function.stats.cache_misses.total() for function in load_all()))"
@@ -19,7 +21,7 @@ COUNT_BUILDS = (
 
 
 def load_all() -> list[Any]:
-    """Return compiled functions of simulations without MuJoCo; those of MuJoCo's callbacks and of walks exist, too."""
+    """Build or load every compiled function; return those that count what they build."""
     compiled_callbacks.get_callbacks()
     backend.get_step_functions("compiled")
     return [
@@ -34,6 +36,6 @@ def test_new_process_builds_nothing() -> None:
     for function in load_all():
         assert function.nopython_signatures
     completed = subprocess.run(
-        [sys.executable, "-c", COUNT_BUILDS], capture_output=True, text=True, check=True, timeout=60.0
+        [sys.executable, "-c", COUNT_BUILDS], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert int(completed.stdout) == 0

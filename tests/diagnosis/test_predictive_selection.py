@@ -161,6 +161,16 @@ def test_name_that_another_model_replaces_is_left_out() -> None:
     assert list_reduced_models(pair, [pair, worse, single], [pair, worse, single, BASE]) == []
 
 
+@pytest.mark.parametrize(("error", "n_names"), [(0.5, 1), (2.0, 2)])
+def test_names_that_explain_too_little_alone_stay_together(error: float, n_names: int) -> None:
+    selection = object.__new__(PredictiveSelection)
+    selection.folds, selection.fold_kind = [[]] * 6, "condition"
+    pair, single = make_model((FRICTION, GAIN), [0.2] * 6), make_model((FRICTION,), [error] * 6)
+    other = make_model((FRICTION, TAPER, TENSION), [0.21] * 6, "it is at its bound")
+    chosen = selection._decide(BASE, [pair, other, single, BASE]).chosen
+    assert chosen.identities == {term.identity for term in (FRICTION, GAIN)[:n_names]}
+
+
 def test_names_that_one_fold_decides_do_not_withhold_the_others() -> None:
     single = make_model((FRICTION,), [1.0, 1.1, 0.9, 1.0])
     pair = make_model((FRICTION, TAPER), [0.2, 0.3, 0.1, 1.0])
