@@ -94,14 +94,14 @@ def test_any_subset_of_measured_channels_is_allowed(tmp_path: Path) -> None:
         ),
         (
             columns(time=replace_row(4, np.nan)),
-            "column 'time [s]', line 6: the cell is empty; every sample needs",
+            "column 'time [s]', line 6: the cell is empty or NaN; every sample needs",
         ),
         (columns(time=replace_row(4, 0.03)), "the time repeats at line 6 (0.03 s after 0.03 s); time must increase"),
         (columns(time=replace_row(4, 0.02)), "row to row; if several tests follow each other, write each into a"),
         (columns(time=replace_row(4, 0.02)), "the time decreases at line 6 (0.02 s after 0.03 s)"),
         (
             columns(length=replace_row(0, np.nan)),
-            "column 'length [mm]', line 2: the cell is empty; 'length' is pre",
+            "column 'length [mm]', line 2: the cell is empty or NaN; 'length' is pre",
         ),
         (columns(length=None), "the prescribed channel 'length' is missing; a bench trial needs length, pressure_com"),
         (columns(pressure_command=None), "the prescribed channel 'pressure_command' is missing"),
@@ -217,10 +217,13 @@ def test_centre_of_pressure_may_be_missing_only_without_load(tmp_path: Path) -> 
     assert np.isnan(
         read(tmp_path, gap | {"grf_vertical [N]": replace_row(2, 20.0)}, rig="gait").prescribed["cop_x"].value[2]
     )
-    message = "column 'cop_x [mm]', line 4: the cell is empty under a load of 800 N; empty cells are allowed up to 20 N"
+    message = (
+        "column 'cop_x [mm]', line 4: the cell is empty or NaN under a load of 800 N; "
+        "empty cells are allowed up to 20 N"
+    )
     assert message in read_error(tmp_path, gap, rig="gait")
     gap = {"time [s]": TIME, **GAIT, "grf_vertical [N]": replace_row(2, np.nan)}
-    assert "line 4: the cell is empty; 'grf_vertical' is prescribed" in read_error(tmp_path, gap, rig="gait")
+    assert "line 4: the cell is empty or NaN; 'grf_vertical' is prescribed" in read_error(tmp_path, gap, rig="gait")
 
 
 def test_offset_of_the_force_plate_is_subtracted(tmp_path: Path) -> None:

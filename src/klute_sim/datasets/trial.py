@@ -263,7 +263,7 @@ def _check_no_gap(column: _Column, reason: str) -> None:
     is_missing = np.isnan(column.series.value)
     if is_missing.any():
         row = column.file.locate_row(int(is_missing.argmax()))
-        raise InputError(f"{column.location}, {row}: the cell is empty; {reason}")
+        raise InputError(f"{column.location}, {row}: the cell is empty or NaN; {reason}")
 
 
 def _check_sample_count(column: _Column, *, is_required: bool) -> None:
@@ -342,8 +342,8 @@ def _check_known_under_load(column: _Column, vertical_force: TimeSeries) -> None
         row = int(is_missing.argmax())
         load = np.interp(column.series.time, vertical_force.time, vertical_force.value)
         raise InputError(
-            f"{column.location}, {column.file.locate_row(row)}: the cell is empty under a load of {load[row]:.0f} N; "
-            f"empty cells are allowed up to {channels.CONTACT_FORCE_THRESHOLD:g} N"
+            f"{column.location}, {column.file.locate_row(row)}: the cell is empty or NaN under a load of "
+            f"{load[row]:.0f} N; empty cells are allowed up to {channels.CONTACT_FORCE_THRESHOLD:g} N"
         )
 
 
