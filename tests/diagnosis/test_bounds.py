@@ -426,18 +426,29 @@ def test_names_that_need_no_number_at_its_limit_may_be_named(
         return seen[-1]
 
     def assess(_: PredictiveSelection, assessed: Fit) -> PredictiveModel:
-        return PredictiveModel(assessed, np.full(2, error_as_declared), np.tile(assessed.x, (2, 1)))
+        points = np.tile(assessed.x, (2, 1))
+        if assessed is fit:
+            return PredictiveModel(fit, np.full(2, error), points, find_naming_obstacle(data, fit))
+        return PredictiveModel(assessed, np.full(2, error_as_declared), points)
 
     monkeypatch.setattr(bounds, "fit_hypothesis", refit)
     monkeypatch.setattr(PredictiveSelection, "assess", assess)
     base = PredictiveModel(make_fit(), np.full(2, 10.0), np.empty((2, 0)))
-    model = PredictiveModel(fit, np.full(2, error), np.tile(fit.x, (2, 1)), find_naming_obstacle(data, fit))
+    selection = PredictiveSelection(data, {}, [])
+    model = selection.assess(fit)
     assert rubber in model.obstacle
-    admitted = PredictiveSelection(data, {}, [])._admit_numbers(base, model)
+    admitted = selection._admit_numbers(base, model)
     assert all(refitted.hypothesis.uncertainties == (("muscle.turns_per_m", 0.1),) for refitted in seen)
     assert all(refitted.x == pytest.approx([0.2, 0.5]) for refitted in seen)
     assert (admitted.obstacle == "") == is_admitted
     assert admitted.fit is fit
+
+    # The same holds for a simpler form that takes the place of one at its bound.
+    monkeypatch.setattr(predictive_selection, "simplify_at_bound", lambda *_: fit)
+    shaped = PredictiveModel(make_fit(STRIBECK), np.full(2, 20.0), np.empty((2, 0)), "at its bound")
+    simplified, *others = selection._add_simplified(base, shaped, [base, shaped])
+    assert (simplified.fit, others) == (fit, [base, shaped])
+    assert (simplified.obstacle == "") == is_admitted
 
 
 @pytest.mark.parametrize(

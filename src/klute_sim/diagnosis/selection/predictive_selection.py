@@ -126,7 +126,7 @@ class PredictiveSelection:
         self.report_stage("predicting conditions that are left out")
         models = sorted([base, *map(self.assess, fits.values())], key=rank_model)
         for model in models[:MAX_FINISHED]:
-            models = self._add_simplified(model, models)
+            models = self._add_simplified(base, model, models)
         # A single name that is refused refuses the sets that contain it, too.
         models = [
             self._admit_numbers(base, model) if rank < MAX_FINISHED or len(model.terms) == 1 else model
@@ -143,7 +143,7 @@ class PredictiveSelection:
             full_fit = fit_hypothesis(self.data, fit.hypothesis, fit.x, fit.jacobian)
             finished = replace(self._admit_numbers(base, self.assess(full_fit)), has_full_fit=True)
             models = sorted([finished if model is unfinished[0] else model for model in models], key=rank_model)
-            models = self._add_simplified(finished, models)
+            models = self._add_simplified(base, finished, models)
         return self._decide_refined(base, models)
 
     def _assess_base(self, base_fit: Fit) -> PredictiveModel:
@@ -186,11 +186,14 @@ class PredictiveSelection:
                 return
             current = fits[key]
 
-    def _add_simplified(self, model: PredictiveModel, models: Sequence[PredictiveModel]) -> list[PredictiveModel]:
+    def _add_simplified(
+        self, base: PredictiveModel, model: PredictiveModel, models: Sequence[PredictiveModel]
+    ) -> list[PredictiveModel]:
         """Return ``models``, best first, with the simpler forms of ``model`` where one of its forms is at a bound."""
         simpler = simplify_at_bound(self.data, model.fit)
         known = {frozenset(other.terms) for other in models}
-        added = [] if frozenset(simpler.hypothesis.terms) in known else [self.assess(simpler)]
+        is_known = frozenset(simpler.hypothesis.terms) in known
+        added = [] if is_known else [self._admit_numbers(base, self.assess(simpler))]
         return sorted([*models, *added], key=rank_model)
 
     def _admit_numbers(self, base: PredictiveModel, model: PredictiveModel) -> PredictiveModel:
@@ -308,7 +311,7 @@ class PredictiveSelection:
             fit, is_reproducible = check_convergence(self.data, coarse.fit, np.random.default_rng(self.seed))
             assessed = self._admit_numbers(base, self.assess(fit))
             refined = replace(assessed, errors=coarse.errors, is_reproducible=is_reproducible)
-            models = self._add_simplified(refined, [refined if model is coarse else model for model in models])
+            models = self._add_simplified(base, refined, [refined if model is coarse else model for model in models])
 
     def _decide(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
         fold_noise = [noise for noise in map(self.compute_fold_noise, self.folds) if noise is not None]
