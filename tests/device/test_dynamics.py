@@ -294,13 +294,14 @@ def test_gas_below_room_pressure_does_no_work_on_the_braid() -> None:
     assert not recorder.to_energy_balance(5e-4).gas_power.any()
 
 
-def test_dead_time_is_that_of_the_valve_and_of_sound_in_the_hose() -> None:
+def test_dead_times_of_the_valve_of_a_data_driven_term_and_of_sound_in_the_hose_add_up() -> None:
     """Sound travels 343.2 m/s in air of 20 degrees Celsius (tables)."""
     sections = {
         ("pressure_delay", "dead_time"): {"delay_s": 0.03},
         ("hose", "tube"): {"length_m": 6.864, "inner_diameter_mm": 4.0},
+        ("unknown_pressure", "sparse"): {"delay_s": 0.01},
     }
-    for keys, dead_time in (((0,), 0.03), ((1,), 0.02), ((0, 1), 0.05)):
+    for keys, dead_time in (((0,), 0.03), ((1,), 0.02), ((2,), 0.01), ((0, 1), 0.05), ((0, 1, 2), 0.06)):
         chosen = {key: sections[key] for key in (list(sections)[k] for k in keys)}
         device = ANKLE._replace(effects=catalogue.pack_effects(chosen))
         assert dynamics.get_dead_time(device) == pytest.approx(dead_time, rel=1e-3)

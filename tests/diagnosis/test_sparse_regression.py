@@ -93,12 +93,22 @@ def test_true_functions_and_coefficients_are_recovered(with_hidden_term: tuple[F
 
 
 @pytest.mark.long
-def test_supply_lag_is_found_in_the_supply_equation(tmp_path: Path) -> None:
-    for search, base in create_search(tmp_path / "d", {("pressure_lag", "first_order"): {"time_constant_s": 0.05}}):
+@pytest.mark.parametrize(
+    ("hidden", "expected"),
+    [
+        ({("pressure_lag", "first_order"): {"time_constant_s": 0.05}}, {"lag_s": 0.05}),
+        ({("pressure_delay", "dead_time"): {"delay_s": 0.012}}, {"delay_s": 0.012}),
+    ],
+    ids=["lag", "dead time"],
+)
+def test_lag_and_dead_time_are_found_in_the_supply_equation(
+    tmp_path: Path, hidden: dict[tuple[str, str], dict[str, float]], expected: dict[str, float]
+) -> None:
+    for search, base in create_search(tmp_path / "d", hidden):
         result = add_data_driven_term(search, base, base, compute_equation_residuals(search.data, base))
         assert "in the equation of supply" in result.reason
         assert result.fit is not None
-        assert get_effect_values(result.fit) == pytest.approx({"lag_s": 0.05}, rel=0.03)
+        assert get_effect_values(result.fit) == pytest.approx(expected, rel=0.03)
 
 
 def test_muscle_and_tendon_both_have_a_term_where_the_data_do_not_separate_them(
@@ -183,9 +193,10 @@ def test_formula_uses_units() -> None:
         "F += - 12.3 N p + 60 N p d; p = P/(5 bar); d = v/sqrt(v^2 + (0.05 mm/s)^2)"
     )
     values = {"offset_bar": -0.1, "command_bar": 0.2, "dead_band_bar": 0.05, "lag_s": 0.02, "falling_lag_s": -0.01}
+    values["delay_s"] = 0.004
     assert discrepancy_formulas.format_equation(discrepancy_terms.UNKNOWN_PRESSURE, values) == (
         "target = command - 0.1 bar + 0.2 bar c; dead band = 0.05 bar; dP/dt = (target - P)/tau, "
-        "tau = 0.02 s - 0.01 s f; c = command/(5 bar); f = 1 while P falls"
+        "tau = 0.02 s - 0.01 s f; dead time = 0.004 s; c = command/(5 bar); f = 1 while P falls"
     )
 
 

@@ -43,10 +43,20 @@ N_INTERNAL_STATES = DAMPER_STATE_START + len(DamperState._fields)
 """Number of internal states of a device: those of its effects, of its supply, and of its damper."""
 NO_EFFECTS = (0.0,) * N_EFFECT_VALUES
 ZERO_INTERNAL_STATE = (0.0,) * N_INTERNAL_STATES
-HOSE_LENGTH_INDEX = catalogue.find_slot("hose", "tube").switch_index + 1
+
+
+def _find_parameter_index(effect: str, form: str, key: str) -> int:
+    """Return the index of the parameter ``key`` of a form among the values of the effects."""
+    slot = catalogue.find_slot(effect, form)
+    return slot.switch_index + 1 + [parameter.key for parameter in slot.form.parameters].index(key)
+
+
+HOSE_LENGTH_INDEX = _find_parameter_index("hose", "tube", "length_m")
 """Index of the length of the hose among the values of the effects."""
-DEAD_TIME_INDEX = catalogue.find_slot("pressure_delay", "dead_time").switch_index + 1
+DEAD_TIME_INDEX = _find_parameter_index("pressure_delay", "dead_time", "delay_s")
 """Index of the dead time of the command [s] among the values of the effects."""
+UNKNOWN_DEAD_TIME_INDEX = _find_parameter_index("unknown_pressure", "sparse", "delay_s")
+"""Index of the dead time of a data-driven term [s] among the values of the effects."""
 
 
 class DeviceParameters(NamedTuple):
@@ -83,11 +93,12 @@ def has_internal_state(parameters: DeviceParameters) -> bool:
 
 
 def get_dead_time(parameters: DeviceParameters) -> float:
-    """Return the dead time of the commands [s]: that of ``pressure_delay``, and of sound in a ``hose``.
+    """Return the dead time of the commands [s]: of ``pressure_delay``, a data-driven term, and sound in a ``hose``.
 
     The caller applies it (:class:`klute_sim.device.delay.DelayLine`).
     """
-    delay, hose_length = parameters.effects[DEAD_TIME_INDEX], parameters.effects[HOSE_LENGTH_INDEX]
+    delay = parameters.effects[DEAD_TIME_INDEX] + parameters.effects[UNKNOWN_DEAD_TIME_INDEX]
+    hose_length = parameters.effects[HOSE_LENGTH_INDEX]
     if hose_length == 0.0:
         return float(delay)
     return float(delay + hose_length / pneumatics.speed_of_sound(parameters.supply.temperature))

@@ -15,7 +15,7 @@ from klute_sim.effects.families.joint_terms import UNKNOWN_GUIDE_FORCE, UNKNOWN_
 _BASIS_FUNCTIONS = {
     UNKNOWN_FORCE.name: ("p", "p^2", "b", "b e", "e", "e^2", "p e", "p e^2", "d", "p d", "e d", "s", "p s", "s |s|"),
     UNKNOWN_TENDON_FORCE.name: ("x", "x^2", "t"),
-    UNKNOWN_PRESSURE.name: ("", "c", "c^2", "", "", "c", "f"),
+    UNKNOWN_PRESSURE.name: ("", "c", "c^2", "", "", "c", "f", ""),
     UNKNOWN_ANKLE_MOMENT.name: ("", "a", "a^2", "l", "l^2", "l a", "g", "l g", "p", "p a", "r", "w"),
     UNKNOWN_JOINT_MOMENT.name: ("", "q", "q^2", "q^3", "w", "w |w|", "sign(w)", "y", "z", ""),
     UNKNOWN_GUIDE_FORCE.name: ("", "q", "q^2", "q^3", "w", "w |w|", "sign(w)", "y", "z"),
@@ -23,6 +23,7 @@ _BASIS_FUNCTIONS = {
 """Function of each parameter, by effect; '' for a constant term."""
 _SUM_LABELS = {
     "dead_band_bar": "dead band =",
+    "delay_s": "dead time =",
     "acceleration_kg_cm2": "inertia +=",
     UNKNOWN_ANKLE_MOMENT.name: "M +=",
     UNKNOWN_JOINT_MOMENT.name: "M -=",

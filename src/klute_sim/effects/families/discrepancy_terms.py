@@ -29,8 +29,8 @@ TOE_STRETCH = 1e-3
 """Stretch at which a term that sets in with stretch has half of its final value [m]."""
 MAX_SCALED_INPUT = 2.0
 """Upper limit of normalized pressure, contraction and stretch [1]."""
-MAX_TIME_CONSTANT = 1.0
-"""Upper limit of the pressure's time constant [s]."""
+MAX_TIME_CONSTANT, MAX_DEAD_TIME = 1.0, 0.3
+"""Upper limits of the pressure's time constant and of the command's dead time [s]."""
 
 
 def sparse_force(
@@ -74,7 +74,10 @@ def sparse_tendon_force(coefficients: Any, state: Any, force: float, stretch: fl
 
 
 def sparse_pressure(coefficients: Any, state: Any, target: float, pressure: float, dt: float) -> float:
-    """Return the pressure [Pa] after the step: a shifted target, a dead band around it, and a lag (backward Euler)."""
+    """Return the pressure [Pa] after the step: a shifted target, a dead band around it, and a lag (backward Euler).
+
+    The caller delays the command (:func:`klute_sim.device.dynamics.get_dead_time`).
+    """
     k = coefficients
     c = min(target / PRESSURE_SCALE, MAX_SCALED_INPUT)
     shifted_target = target + (k.offset + c * (k.command + c * k.command_squared))
@@ -181,7 +184,7 @@ UNKNOWN_PRESSURE = Effect(
             name="sparse",
             equation="dP/dt = (target - P)/tau, target = command + sum_k a_k f_k, f_k: 1, c, c^2, and the dead "
             "band z around the command; tau = sum_k b_k g_k, g_k: 1, c, f; c = command/(5 bar), up to 2, "
-            "f = 1 while P falls",
+            "f = 1 while P falls; the command is late by a dead time",
             parameters=(
                 make_coefficient("offset_bar", 2.0, 0.1),
                 make_coefficient("command_bar", 2.0, 0.1),
@@ -190,6 +193,7 @@ UNKNOWN_PRESSURE = Effect(
                 make_coefficient("lag_s", MAX_TIME_CONSTANT, 0.02, signed=False),
                 make_coefficient("command_lag_s", MAX_TIME_CONSTANT, 0.02),
                 make_coefficient("falling_lag_s", MAX_TIME_CONSTANT, 0.02),
+                make_coefficient("delay_s", MAX_DEAD_TIME, 0.02, signed=False),
             ),
             laws={"pressure_reached": sparse_pressure},
         ),
