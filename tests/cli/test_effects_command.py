@@ -99,7 +99,7 @@ def test_device_file_lines_are_valid(name: str) -> None:
 
 def test_effect_is_printed_as_text() -> None:
     shown = run("effects", "braid_hysteresis").stdout
-    for piece in ("Form coulomb: F += n slope P sign(v)", "Form maxwell_slip (default): ", "N/bar", "0 to 60",
+    for piece in ("Form coulomb: F += n slope P sign(v)", "Form maxwell_slip (default): ", "N/bar", "0 to 200",
                   "none (shape parameter)", "assumed",
                   "muscle_force: the tension of the muscle", "next_state: the internal state",
                   'form = "maxwell_slip"\nslope_n_per_bar = 8.0\nstiffness_n_per_mm = 40.0\n', "outside the gas supply",

@@ -17,7 +17,7 @@ SLIDING_FORCE = EffectParameter(
     key="force_n",
     neutral=0.0,
     lower=0.0,
-    upper=200.0,
+    upper=500.0,
     typical=15.0,
     source="pneumatic cylinder seals measured: 4.5-15.9 N (docs/real-data.md)",
 )

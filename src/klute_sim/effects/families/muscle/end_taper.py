@@ -94,7 +94,7 @@ END_TAPER = Effect(
                     key="factor",
                     neutral=0.0,
                     lower=0.0,
-                    upper=5.0,
+                    upper=8.0,
                     typical=1.0,
                     source="assumed: 10 % less tension at 10 % contraction",
                 ),

@@ -32,7 +32,7 @@ def rising_threshold(p: Any, state: Any, pressure: float, muscle: MuscleParamete
 
 _SOURCE = "measured 10 mm muscles: no tension below 0.3-1.1 bar straight, 2.8-4.8 bar when shortened"
 _THRESHOLD_PARAMETER = EffectParameter(
-    key="pressure_bar", neutral=0.0, lower=0.0, upper=3.0, typical=0.5, source=_SOURCE
+    key="pressure_bar", neutral=0.0, lower=0.0, upper=5.0, typical=0.5, source=_SOURCE
 )
 
 THRESHOLD_PRESSURE = Effect(
