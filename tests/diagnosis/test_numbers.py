@@ -200,4 +200,4 @@ def test_limits_are_those_of_the_device_file() -> None:
     lower, upper = find_limits("tendon.stiffness_1_n_per_mm")
     assert lower > 0.0
     assert upper >= 1e3
-    assert find_limits("effects.seal_friction.force_n") == (0.0, 200.0)
+    assert find_limits("effects.seal_friction.force_n") == (0.0, 500.0)

@@ -43,20 +43,10 @@ N_INTERNAL_STATES = DAMPER_STATE_START + len(DamperState._fields)
 """Number of internal states of a device: those of its effects, of its supply, and of its damper."""
 NO_EFFECTS = (0.0,) * N_EFFECT_VALUES
 ZERO_INTERNAL_STATE = (0.0,) * N_INTERNAL_STATES
-
-
-def _find_parameter_index(effect: str, form: str, key: str) -> int:
-    """Return the index of the parameter ``key`` of a form among the values of the effects."""
-    slot = catalogue.find_slot(effect, form)
-    return slot.switch_index + 1 + [parameter.key for parameter in slot.form.parameters].index(key)
-
-
-HOSE_LENGTH_INDEX = _find_parameter_index("hose", "tube", "length_m")
-"""Index of the length of the hose among the values of the effects."""
-DEAD_TIME_INDEX = _find_parameter_index("pressure_delay", "dead_time", "delay_s")
-"""Index of the dead time of the command [s] among the values of the effects."""
-UNKNOWN_DEAD_TIME_INDEX = _find_parameter_index("unknown_pressure", "sparse", "delay_s")
-"""Index of the dead time of a data-driven term [s] among the values of the effects."""
+HOSE_LENGTH_INDEX = catalogue.find_parameter_index("hose", "tube", "length_m")
+DEAD_TIME_INDEX = catalogue.find_parameter_index("pressure_delay", "dead_time", "delay_s")
+UNKNOWN_DEAD_TIME_INDEX = catalogue.find_parameter_index("unknown_pressure", "sparse", "delay_s")
+"""Indices of the length of the hose, and of the dead times of the command, among the values of the effects."""
 
 
 class DeviceParameters(NamedTuple):
@@ -99,8 +89,6 @@ def get_dead_time(parameters: DeviceParameters) -> float:
     """
     delay = parameters.effects[DEAD_TIME_INDEX] + parameters.effects[UNKNOWN_DEAD_TIME_INDEX]
     hose_length = parameters.effects[HOSE_LENGTH_INDEX]
-    if hose_length == 0.0:
-        return float(delay)
     return float(delay + hose_length / pneumatics.speed_of_sound(parameters.supply.temperature))
 
 

@@ -302,6 +302,12 @@ def find_slot(effect: str, form: str) -> chain.EffectSlot:
     raise InputError(f"no device effect '{effect}' has a form '{form}'")
 
 
+def find_parameter_index(effect: str, form: str, key: str) -> int:
+    """Return the index of the parameter ``key`` of a form among the values of all effects."""
+    slot = find_slot(effect, form)
+    return slot.switch_index + 1 + [parameter.key for parameter in slot.form.parameters].index(key)
+
+
 def apply_body_effects(active_forms: Mapping[tuple[str, str], Mapping[str, float]], foot: Foot) -> Foot:
     """Return ``foot`` with the active forms of body effects, in the order of the catalogue; other effects are skipped.
 
