@@ -473,14 +473,6 @@ def test_supply_many_times_as_fast_as_declared_is_named(
 
 
 @pytest.mark.slow
-def test_delay_below_a_sampling_interval_is_found_where_commands_are_linear(tmp_path: Path) -> None:
-    hidden = {("pressure_delay", "dead_time"): {"delay_s": 0.6 * INTERVAL_S}}
-    diagnosis = workflow.diagnose(load_dataset(write_dataset(tmp_path / "d", hidden)))
-    assert [term.effect for term in diagnosis.added_terms] == ["pressure_delay"]
-    assert not any("held until" in reason for reason in diagnosis.reasons)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("command_interval", "is_visible"), [(0.001, True), (0.01, False)])
 def test_command_of_a_walk_has_a_zero_order_hold(command_interval: float, is_visible: bool, tmp_path: Path) -> None:
     """A state machine commands every 10 ms. A log of 100 Hz does not show that it holds them."""

@@ -221,6 +221,33 @@ def select_command_interpolation(
     return hold, [f"{ZERO_ORDER_HOLD_REMARK}, and with it{more_names} BIC changes by {difference:+.0f}."]
 
 
+def reconsider_linear_interpolation(
+    hold: Outcome, linear: Preparation, search_model: Callable[[Preparation], Outcome]
+) -> Outcome:
+    """Return ``hold``, or the outcome with linear interpolation where only that explains the data to the noise.
+
+    The pressures alone chose the zero-order hold (:func:`prepare_zero_order_hold`), and half a sampling interval late
+    they look the same: a late gauge, or a delay of the supply. So where something is missing with the zero-order hold,
+    and one shift in time of linear commands explains more than the hold without any name does, a model is searched with
+    linear interpolation. It is chosen if it has names, a shift among them, leaves no misfit, and is better by the
+    threshold of the Bayesian information criterion.
+    """
+    if hold.selected.verdict == "nothing-missing":
+        return hold
+    data, threshold = _copy_weights(linear.data, hold.data), hold.search.bic_threshold
+    gauges = (EffectTerm("clock_skew", "linear", channel) for channel in _select_pressure_noise(data))
+    shifted = (linear.base_fit.hypothesis.with_term(term) for term in (SUPPLY_TERMS[0], *gauges))
+    best_bic = min(fit_hypothesis(data, hypothesis).bic(data.n_effective) for hypothesis in shifted)
+    if best_bic > hold.base_fit.bic(hold.data.n_effective) - threshold:
+        return hold
+    outcome = search_model(linear)
+    explains_data = outcome.selected.verdict in ("identified", "indistinguishable")
+    if not (explains_data and outcome.selected.prediction is None and outcome.n_time_shifts):
+        return hold
+    is_better = outcome.compute_bic(data) < hold.compute_bic(hold.data) - threshold
+    return outcome if is_better else hold
+
+
 def _is_pressure_explained_by_hold(linear: Preparation | Outcome, hold: Preparation | Outcome) -> bool:
     """Return whether repeats of the measured pressures show a misfit with linear commands, none with a zero-order hold.
 

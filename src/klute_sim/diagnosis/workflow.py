@@ -19,6 +19,7 @@ from klute_sim.diagnosis.command_interpolation import (
     Outcome,
     Preparation,
     prepare_zero_order_hold,
+    reconsider_linear_interpolation,
     select_command_interpolation,
 )
 from klute_sim.diagnosis.condition_registration import describe_condition_registration
@@ -143,7 +144,8 @@ def _run_workflow(
     hold = prepare_zero_order_hold(linear, prepare)
     outcome = search_model(hold[0] if hold else linear)
     if hold:
-        reasons.append(hold[1])
+        first, outcome = outcome, reconsider_linear_interpolation(outcome, linear, search_model)
+        reasons += [hold[1]] if outcome is first else []
     elif outcome.selected.verdict != "nothing-missing":
         outcome, remarks = select_command_interpolation(outcome, prepare, search_model, progress)
         reasons += remarks
