@@ -32,6 +32,7 @@ def test_assessment_of_a_foot_differs() -> None:
     assert [run.summary["foot"] for run in runs if run] == ["rigid", "sach"]
 
 
+@pytest.mark.slow
 def test_environment_has_the_foot() -> None:
     env = AnkleGaitEnv(foot="sach", strides=1, time_step=1e-3)
     env.reset(seed=1)

@@ -65,6 +65,7 @@ def test_conditions_are_ratios_of_the_reference_speed_and_slopes() -> None:
     assert (down.slope_deg, up.slope_deg) == (-5.0, 5.0)
 
 
+@pytest.mark.slow
 def test_baseline_equals_a_gait_run_of_its_device_and_controller() -> None:
     (hand,) = load_baselines(("hand-tuned",))
     (planned,) = plan_runs([hand], Subject(), 2, 1e-3, [WalkingCondition("level")])

@@ -35,6 +35,7 @@ def test_run_folder_holds_all_files(tmp_path: Path) -> None:
     assert 'mass="1.5"' in (folder / "model.xml").read_text()
 
 
+@pytest.mark.slow
 def test_measured_frequency_response_is_compared_as_documented(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "mechanisms.md").read_text("utf-8")
     (text,) = re.findall(r"^```text\n(frequency \[Hz\].*?)^```", page, re.MULTILINE | re.DOTALL)

@@ -138,6 +138,7 @@ def test_lack_of_memory_is_recognized(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_full_disk_while_the_viewer_recording_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
 

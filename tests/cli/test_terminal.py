@@ -61,6 +61,7 @@ def test_device_name_is_one_line_of_printable_text() -> None:
             parse_device(content.replace('"klute-3-4"', name).encode(), "x.toml")
 
 
+@pytest.mark.slow
 def test_files_are_shown_exactly_in_pipes_and_safely_on_terminals(tmp_path: Path) -> None:
     content = load_device("klute-3-4").content + "# \u202e\n".encode()
     (tmp_path / "x.toml").write_bytes(content)

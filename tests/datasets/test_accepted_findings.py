@@ -81,6 +81,7 @@ def test_walks_without_findings_are_examined_beside_an_accepted_one(walks: Path)
     assert [finding.name for finding in dataset.accepted] == ["force-unit", "plate-delay"]
 
 
+@pytest.mark.slow
 def test_name_of_a_check_that_left_trials_out_is_not_called_unused(walks: Path) -> None:
     file = walks / "dataset.toml"
     text = file.read_text("utf-8")

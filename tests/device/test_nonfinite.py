@@ -22,6 +22,7 @@ LENGTHS = np.full(8, 0.34)
 COMMANDS = np.linspace(0.0, 5e5, 8)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**48))
 def test_random_devices_end_alike_with_positive_pressure(seed: int) -> None:

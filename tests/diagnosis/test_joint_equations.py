@@ -84,6 +84,7 @@ def test_effect_of_a_device_is_missing_in_its_equation_only(
     assert residuals[0].part == "flexor"
 
 
+@pytest.mark.slow
 def test_constant_moment_is_missing_in_the_equation_of_the_joint_only(tmp_path: Path, simulator: Simulator) -> None:
     constant = UNKNOWN._replace(parameters=(("constant_n_m", 0.3),))
     residuals = compute_equation_residuals(*weight(tmp_path, simulator, effects=[constant]))

@@ -141,6 +141,7 @@ def rewrite_forces(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> 
         write_trial(file, dict(zip(heading.split(","), values.T, strict=True)))
 
 
+@pytest.mark.slow
 def test_samples_at_the_end_of_a_sensor_refute_nothing(
     diagnosis: Diagnosis, true_device: Device, tmp_path: Path
 ) -> None:

@@ -116,6 +116,7 @@ def test_cameras_and_sizes() -> None:
     assert not np.array_equal(images[1], images[2])
 
 
+@pytest.mark.slow
 def test_a_copy_draws_the_same() -> None:
     env = make(SINGLE, "bench", render_mode="rgb_array")
     env.reset(seed=0)

@@ -35,6 +35,7 @@ def prepare_default_rig() -> GaitRig:
     return prepare_gait_rig(DEVICE, load_default_profile(), OPTIONS)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_path_has_its_harmonics_and_their_derivatives(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -73,6 +73,7 @@ def test_ankle_work_increases_uphill() -> None:
     assert not any(s.touches_in_swing for s in strides)
 
 
+@pytest.mark.slow
 def test_small_slopes_have_linear_effects() -> None:
     """What remains of the load error blurs the effect of slopes below one degree."""
     down, level, up = (compute_stride(d).ankle_moment_peak_nm_per_kg for d in (-1.5, 0.0, 1.5))

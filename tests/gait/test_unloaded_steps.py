@@ -53,6 +53,7 @@ def test_stance_beside_the_plates_is_reported(begin: float, end: float, folder: 
     assert [finding.name for finding in accepted.accepted] == ["plate-gap"]
 
 
+@pytest.mark.slow
 def test_trials_may_begin_and_end_in_swing(folder: Path, tmp_path: Path) -> None:
     copy = write_walk(folder, tmp_path, -1.0, 99.0)
     for path in copy.glob("*.csv"):

@@ -241,6 +241,7 @@ def test_suspicious_measurements_are_reported(gait_recording: Recording, tmp_pat
     assert any("the force is mostly negative" in sentence for sentence in warnings)
 
 
+@pytest.mark.slow
 def test_steps_without_plate_are_trimmed(gait_recording: Recording, tmp_path: Path) -> None:
     longer = rig.simulate_gait(load_device(DEVICE), load_default_profile(), GaitOptions(strides=5, dt=1e-3))
     files = export_lab_files(tmp_path / "lab", longer)

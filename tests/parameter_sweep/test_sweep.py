@@ -104,6 +104,7 @@ def test_passive_feet_come_after_the_devices_with_controller_off() -> None:
         make_plan(spring_feet={-1.0: DEVICE})
 
 
+@pytest.mark.slow
 def test_resumed_sweep_evaluates_only_missing_and_damaged_results(tmp_path: Path) -> None:
     plan = make_plan()
     first, fractions = InProcessRunner(), list[float]()

@@ -286,6 +286,7 @@ def attacked_html(diagnosis: Diagnosis, tmp_path_factory: pytest.TempPathFactory
     return (folder / "index.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_names_from_the_data_are_escaped(attacked_html: str) -> None:
     assert "<script" not in attacked_html
     for section in ("trials", "steps"):

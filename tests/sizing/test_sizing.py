@@ -236,6 +236,7 @@ def test_refill_passage_has_atmospheric_pressure_drop() -> None:
     assert point.orifice_diameter < point.min_refill_diameter < point.bore
 
 
+@pytest.mark.slow
 @given(st.floats(20.0, 250.0), st.floats(0.01, 0.10))
 def test_tendon_reaches_design_strain_at_design_force(mass: float, strain: float) -> None:
     design = design_device(WalkerTarget(mass=mass), DesignChoices(assumptions=DesignAssumptions(tendon_strain=strain)))
