@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -163,6 +163,9 @@ def select_interpolation(linear: Any, hold: Any) -> tuple[Any, list[str]]:
         pytest.param(
             make_outcome("leak clock_skew", shift_gain=90.0), make_outcome("leak", bic=7.0), True, id="most of a shift"
         ),
+        pytest.param(
+            make_outcome("leak clock_skew", shift_gain=90.0), make_outcome("leak", bic=10.0), False, id="not all of it"
+        ),
         pytest.param(make_outcome("leak"), make_outcome("pressure_delay", bic=-90.0), False, id="a shift instead"),
         pytest.param(make_outcome("leak"), make_outcome("leak clock_skew", bic=-90.0), False, id="a further shift"),
         pytest.param(
@@ -219,6 +222,18 @@ def test_pressure_decides_where_the_law_of_the_muscle_is_imperfect(
     assert [remark.endswith("agrees with the zero-order hold only.") for remark in remarks] == [True] * is_hold
     prepared = command_interpolation.prepare_zero_order_hold(linear, lambda trials: hold)
     assert prepared == ((hold, remarks[0]) if is_hold else None)
+
+
+@pytest.mark.parametrize(("hold_bic", "is_hold"), [(90.0, False), (5.0, True)])
+def test_shift_that_explains_all_data_better_outweighs_pressures_that_agree_with_a_zero_order_hold(
+    hold_bic: float, is_hold: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    linear, hold = make_outcome("pressure_delay"), make_outcome("leak", bic=hold_bic)
+    for outcome, rms in ((linear, 0.05e5), (hold, 0.0)):
+        outcome.data.experiments, outcome.data.noise = [], {"pressure": None}
+        outcome.data.compute_residuals = lambda hypothesis, points, rms=rms: [rms]
+    replace_computations(monkeypatch, chi2=0.0)
+    assert select_interpolation(linear, hold)[0] is (hold if is_hold else linear)
 
 
 @pytest.mark.parametrize(
@@ -409,22 +424,6 @@ def test_no_model_is_searched_where_the_names_fit_a_zero_order_hold_worse(
         linear, lambda trials: hold, lambda prepared: searches.append(prepared) or hold, lambda fraction, stage: None
     )
     assert len(searches) == is_searched
-
-
-def test_gain_of_shifts_is_what_is_lost_without_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    def make_fit(*names: str, bic: float) -> Any:
-        hypothesis = SimpleNamespace(terms=tuple(SimpleNamespace(effect=name) for name in names))
-        return SimpleNamespace(hypothesis=hypothesis, bic=lambda n_effective: bic)
-
-    final = make_fit("clock_skew", "leak", "pressure_delay", bic=100.0)
-    reduced = {
-        "clock_skew": make_fit("leak", "pressure_delay", bic=130.0),
-        "pressure_delay": make_fit("leak", bic=175.0),
-    }
-    monkeypatch.setattr(command_interpolation, "refit_without_term", lambda data, fit, term: reduced[term.effect])
-    data, selected = SimpleNamespace(n_effective=100.0), SimpleNamespace(final_fit=final)
-    outcome = command_interpolation.Outcome([], *[cast(Any, value) for value in (data, None, None, selected)], [])
-    assert outcome.compute_shift_gain() == 75.0
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -24,16 +24,17 @@ def make_fit(bic: float) -> Any:
 
 
 def make_outcome(
-    verdict: str, bic: float, *, base_bic: float = 500.0, n_shifts: int = 0, prediction: Any = None
+    verdict: str, bic: float, *, n_shifts: int = 0, shift_gain: float = 400.0, prediction: Any = None
 ) -> Any:
-    """Return the stand-in of an outcome whose device without effects has the criterion ``base_bic``."""
+    """Return the stand-in of an outcome whose device without effects has a criterion of 500."""
     return SimpleNamespace(
         data=SimpleNamespace(n_effective=N_SAMPLES, noise={"pressure": None, "force": None}),
         search=SimpleNamespace(bic_threshold=THRESHOLD),
-        base_fit=make_fit(base_bic),
+        base_fit=make_fit(500.0),
         selected=SimpleNamespace(verdict=verdict, prediction=prediction),
         n_time_shifts=n_shifts,
         compute_bic=lambda data: bic,
+        compute_shift_gain=lambda: shift_gain,
     )
 
 
@@ -51,8 +52,12 @@ def make_outcome(
             id="better than the names",
         ),
         pytest.param(
-            make_outcome("identified", 105.0), make_outcome("identified", 100.0, n_shifts=1), 100.0, True, False,
-            id="hardly better than the names",
+            make_outcome("identified", 105.0), make_outcome("identified", 100.0, n_shifts=1, shift_gain=9.0), 100.0,
+            True, False, id="hardly better than the names",
+        ),
+        pytest.param(
+            make_outcome("identified", 130.0), make_outcome("identified", 100.0, n_shifts=1), 100.0, True, False,
+            id="better by a small part of what the shift explains",
         ),
         pytest.param(
             make_outcome("unexplained", 400.0), make_outcome("identified", 100.0), 100.0, True, False, id="no shift"
@@ -82,6 +87,22 @@ def test_linear_commands_are_chosen_where_only_a_shift_of_them_explains_the_data
 
     assert reconsider_linear_interpolation(hold, preparation, search_model) is (linear if is_linear else hold)
     assert searched == [preparation] * is_searched
+
+
+def test_gain_of_shifts_is_what_is_lost_without_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    def make_fit(*names: str, bic: float) -> Any:
+        hypothesis = SimpleNamespace(terms=tuple(SimpleNamespace(effect=name) for name in names))
+        return SimpleNamespace(hypothesis=hypothesis, bic=lambda n_effective: bic)
+
+    final = make_fit("clock_skew", "leak", "pressure_delay", bic=100.0)
+    reduced = {
+        "clock_skew": make_fit("leak", "pressure_delay", bic=130.0),
+        "pressure_delay": make_fit("leak", bic=175.0),
+    }
+    monkeypatch.setattr(command_interpolation, "refit_without_term", lambda data, fit, term: reduced[term.effect])
+    data, selected = SimpleNamespace(n_effective=100.0), SimpleNamespace(final_fit=final)
+    outcome = command_interpolation.Outcome([], *[cast(Any, value) for value in (data, None, None, selected)], [])
+    assert outcome.compute_shift_gain() == 75.0
 
 
 @pytest.mark.slow

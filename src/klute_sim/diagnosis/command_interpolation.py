@@ -180,6 +180,8 @@ def select_command_interpolation(
 
     A zero-order hold is chosen, whatever is named, if the measured pressures agree with it and not with linear
     interpolation: without any name, or with all names of either outcome, unless it needs a further shift in time.
+    Linear interpolation remains where it explains all data to the noise with a shift in time, and better: pressures
+    that are half a sampling interval late agree with a zero-order hold, too.
     """
     if not _has_zero_order_hold_variants(linear.experiments):
         return linear, []
@@ -200,6 +202,8 @@ def select_command_interpolation(
         return linear, []
     hold = search_model(prepared)
     difference = linear_bic - hold.compute_bic(hold.data)
+    if _is_explained_by_shift(linear, difference):
+        return linear, []
     has_further_shift = hold.n_time_shifts > linear.n_time_shifts
     is_decided = _is_pressure_explained_by_hold(linear, hold) or is_less_left
     if is_decided or (not has_further_shift and _is_pressure_explained_by_names(linear, hold)):
@@ -229,8 +233,7 @@ def reconsider_linear_interpolation(
     The pressures alone chose the zero-order hold (:func:`prepare_zero_order_hold`), and half a sampling interval late
     they look the same: a late gauge, or a delay of the supply. So where something is missing with the zero-order hold,
     and one shift in time of linear commands explains more than the hold without any name does, a model is searched with
-    linear interpolation. It is chosen if it has names, a shift among them, leaves no misfit, and is better by the
-    threshold of the Bayesian information criterion.
+    linear interpolation (:func:`_is_explained_by_shift`).
     """
     if hold.selected.verdict == "nothing-missing":
         return hold
@@ -241,11 +244,19 @@ def reconsider_linear_interpolation(
     if best_bic > hold.base_fit.bic(hold.data.n_effective) - threshold:
         return hold
     outcome = search_model(linear)
-    explains_data = outcome.selected.verdict in ("identified", "indistinguishable")
-    if not (explains_data and outcome.selected.prediction is None and outcome.n_time_shifts):
-        return hold
-    is_better = outcome.compute_bic(data) < hold.compute_bic(hold.data) - threshold
-    return outcome if is_better else hold
+    difference = outcome.compute_bic(data) - hold.compute_bic(hold.data)
+    return outcome if _is_explained_by_shift(outcome, difference) else hold
+
+
+def _is_explained_by_shift(linear: Outcome, difference: float) -> bool:
+    """Return whether linear commands with a shift in time leave no misfit, and explain more than a zero-order hold.
+
+    ``difference`` is the Bayesian information criterion of ``linear`` minus that with the zero-order hold.
+    """
+    explains_data = linear.selected.verdict in ("identified", "indistinguishable")
+    if not explains_data or linear.selected.prediction is not None or not linear.n_time_shifts:
+        return False
+    return difference < -max(linear.search.bic_threshold, MAX_LOST_SHIFT_FRACTION * linear.compute_shift_gain())
 
 
 def _is_pressure_explained_by_hold(linear: Preparation | Outcome, hold: Preparation | Outcome) -> bool:
