@@ -57,8 +57,7 @@ class DeviceParameters(NamedTuple):
     tendon: TendonParameters
     supply: SupplyParameters
     effects: Sequence[float] = NO_EFFECTS
-    """Values of all effects in the order of the catalogue; the first is the number of active ones
-    (:mod:`klute_sim.effects.chain`)."""
+    """Values of all effects in the order of the catalogue, after their number (:mod:`klute_sim.effects.chain`)."""
 
 
 class DeviceState(NamedTuple):
@@ -89,6 +88,8 @@ def get_dead_time(parameters: DeviceParameters) -> float:
     """
     delay = parameters.effects[DEAD_TIME_INDEX] + parameters.effects[UNKNOWN_DEAD_TIME_INDEX]
     hose_length = parameters.effects[HOSE_LENGTH_INDEX]
+    if hose_length == 0.0:
+        return float(delay)
     return float(delay + hose_length / pneumatics.speed_of_sound(parameters.supply.temperature))
 
 
