@@ -229,18 +229,18 @@ def test_library_functions_match_the_formula() -> None:
     for row, value in zip(np.eye(3), [0.2, 0.04, 2.0 / 3.0], strict=True):
         assert discrepancy_terms.sparse_tendon_force(tendon_force(*row), (), 7.0, 2e-3) - 7.0 == pytest.approx(value)
         assert discrepancy_terms.sparse_tendon_force(tendon_force(*row), (), 0.0, -2e-3) == 0.0
-    rest = [0.0] * 6
-    assert discrepancy_terms.sparse_pressure(pressure(0.1e5, *rest), (), 3e5, 1e5, 1e-3) == pytest.approx(3.1e5)
-    assert discrepancy_terms.sparse_pressure(
-        pressure(0.0, 0.0, 0.0, 0.1e5, 0.0, 0.0, 0.0), (), 3e5, 2.95e5, 1e-3
-    ) == pytest.approx(2.95e5)
-    assert discrepancy_terms.sparse_pressure(
-        pressure(0.0, 0.0, 0.0, 0.1e5, 0.0, 0.0, 0.0), (), 3e5, 1e5, 1e-3
-    ) == pytest.approx(2.9e5)
-    assert discrepancy_terms.sparse_pressure(pressure(*[0.0] * 4, 0.01, 0.0, 0.0), (), 3e5, 1e5, 0.01) == pytest.approx(
-        2e5
-    )
-    assert discrepancy_terms.sparse_pressure(pressure(*[0.0] * 4, 0.0, 0.0, 0.01), (), 3e5, 1e5, 0.01) == 3e5
+    for values, measured, dt, expected_pressure in (
+        ({"offset": 0.1e5}, 1e5, 1e-3, 3.1e5),
+        ({"dead_band": 0.1e5}, 2.95e5, 1e-3, 2.95e5),
+        ({"dead_band": 0.1e5}, 1e5, 1e-3, 2.9e5),
+        ({"lag": 0.01}, 1e5, 0.01, 2e5),
+        ({"falling_lag": 0.01}, 1e5, 0.01, 3e5),
+        ({"delay": 0.01}, 1e5, 0.01, 3e5),  # the caller delays the command
+    ):
+        coefficients = pressure(**{name: values.get(name, 0.0) for name in pressure._fields})
+        assert discrepancy_terms.sparse_pressure(coefficients, (), 3e5, measured, dt) == pytest.approx(
+            expected_pressure
+        )
 
 
 @pytest.fixture(scope="module")

@@ -98,7 +98,7 @@ def test_device_of_one_diameter_predicts_another(diagnosis: Diagnosis, true_devi
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("found", "used"), [(40.0, 40.0 * (23.0 / 13.0) ** 2), (800.0, 1000.0)])
+@pytest.mark.parametrize(("found", "used"), [(40.0, 40.0 * (23.0 / 13.0) ** 2), (3200.0, 4000.0)])
 def test_parameters_that_grow_with_the_diameter_are_scaled(
     found: float, used: float, diagnosis: Diagnosis, tmp_path: Path
 ) -> None:
@@ -114,7 +114,7 @@ def test_parameters_that_grow_with_the_diameter_are_scaled(
     damping = next(n for n in prediction.numbers if n.name == "muscle_damping.coefficient_n_s_per_m")
     assert (damping.found, damping.used) == pytest.approx((found, used))
     assert damping.rule.startswith("diameter to the power 2")
-    assert ("cut off at a limit" in damping.rule) == (used == 1000.0)
+    assert ("cut off at a limit" in damping.rule) == (used == 4000.0)
 
 
 @pytest.mark.slow
