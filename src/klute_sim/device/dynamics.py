@@ -57,7 +57,7 @@ class DeviceParameters(NamedTuple):
     tendon: TendonParameters
     supply: SupplyParameters
     effects: Sequence[float] = NO_EFFECTS
-    """Values of all effects in the order of the catalogue, after their number (:mod:`klute_sim.effects.chain`)."""
+    """Counts of the active effects, then the values of all effects (:mod:`klute_sim.effects.chain`)."""
 
 
 class DeviceState(NamedTuple):

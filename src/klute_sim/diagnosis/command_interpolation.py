@@ -98,7 +98,9 @@ PRESSURE_AGREEMENT_REMARK = "and the measured pressure agrees with the zero-orde
 """End of a remark where measured pressures decide."""
 GAUGE_EFFECTS = "sensor_gain", "sensor_offset"
 """Faults of a gauge that must not hide which interpolation of the commands the pressures agree with."""
-SUPPLY_TERMS = (EffectTerm("pressure_delay", "dead_time"), EffectTerm("pressure_lag", "first_order"))
+DELAY_TERM = EffectTerm("pressure_delay", "dead_time")
+"""Delay of the supply."""
+SUPPLY_TERMS = (DELAY_TERM, EffectTerm("pressure_lag", "first_order"))
 """Effects of the supply that must not hide it."""
 SUPPLY_FIT_MAX_NFEV = 25
 """Largest number of evaluations of the residuals of a fit with these (assumed: with 10, a dead time and a lag had not
@@ -239,7 +241,7 @@ def reconsider_linear_interpolation(
         return hold
     data, threshold = _copy_weights(linear.data, hold.data), hold.search.bic_threshold
     gauges = (EffectTerm("clock_skew", "linear", channel) for channel in _select_pressure_noise(data))
-    shifted = (linear.base_fit.hypothesis.with_term(term) for term in (SUPPLY_TERMS[0], *gauges))
+    shifted = (linear.base_fit.hypothesis.with_term(term) for term in (DELAY_TERM, *gauges))
     best_bic = min(fit_hypothesis(data, hypothesis).bic(data.n_effective) for hypothesis in shifted)
     if best_bic > hold.base_fit.bic(hold.data.n_effective) - threshold:
         return hold

@@ -144,8 +144,9 @@ def _run_workflow(
     hold = prepare_zero_order_hold(linear, prepare)
     outcome = search_model(hold[0] if hold else linear)
     if hold:
-        first, outcome = outcome, reconsider_linear_interpolation(outcome, linear, search_model)
-        reasons += [hold[1]] if outcome is first else []
+        reconsidered = reconsider_linear_interpolation(outcome, linear, search_model)
+        reasons += [hold[1]] if reconsidered is outcome else []
+        outcome = reconsidered
     elif outcome.selected.verdict != "nothing-missing":
         outcome, remarks = select_command_interpolation(outcome, prepare, search_model, progress)
         reasons += remarks

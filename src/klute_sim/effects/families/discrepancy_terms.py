@@ -182,9 +182,9 @@ UNKNOWN_PRESSURE = Effect(
     forms=(
         EffectForm(
             name="sparse",
-            equation="dP/dt = (target - P)/tau, target = command + sum_k a_k f_k, f_k: 1, c, c^2, and the dead "
+            equation="dP/dt = (target - P)/tau, target = command(t - T) + sum_k a_k f_k, f_k: 1, c, c^2, and the dead "
             "band z around the command; tau = sum_k b_k g_k, g_k: 1, c, f; c = command/(5 bar), up to 2, "
-            "f = 1 while P falls; the command is late by a dead time",
+            "f = 1 while P falls",
             parameters=(
                 make_coefficient("offset_bar", 2.0, 0.1),
                 make_coefficient("command_bar", 2.0, 0.1),

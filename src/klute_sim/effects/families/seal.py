@@ -19,7 +19,7 @@ SLIDING_FORCE = EffectParameter(
     lower=0.0,
     upper=500.0,
     typical=15.0,
-    source="pneumatic cylinder seals measured: 4.5-15.9 N (docs/real-data.md)",
+    source="pneumatic cylinder seals measured: 4.5-15.9 N (docs/real-data.md); upper end assumed",
 )
 """Friction of a seal that slides, the same at every pressure."""
 

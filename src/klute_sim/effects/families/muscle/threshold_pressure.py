@@ -30,7 +30,9 @@ def rising_threshold(p: Any, state: Any, pressure: float, muscle: MuscleParamete
     return max(0.0, pressure - _scale_to_diameter(muscle) * threshold)
 
 
-_SOURCE = "measured 10 mm muscles: no tension below 0.3-1.1 bar straight, 2.8-4.8 bar when shortened"
+_SOURCE = (
+    "measured 10 mm muscles: no tension below 0.3-1.1 bar straight, 2.8-4.8 bar when shortened; upper ends assumed"
+)
 _THRESHOLD_PARAMETER = EffectParameter(
     key="pressure_bar", neutral=0.0, lower=0.0, upper=5.0, typical=0.5, source=_SOURCE
 )
