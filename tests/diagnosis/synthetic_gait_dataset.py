@@ -76,8 +76,9 @@ def write_dataset(
     limb: bool = False,
     has_state_machine: bool = False,
     command_interval: float = 1e-3,
+    command_delay: float = 0.0,
 ) -> Path:
-    """Write a dataset to ``folder``; commands are logged every ``command_interval`` [s].
+    """Write a dataset to ``folder``; commands are logged every ``command_interval`` [s], late by ``command_delay`` [s].
 
     ``offset`` is added to columns; with ``limb`` the ankle position is computed from limb angles.
     """
@@ -97,7 +98,8 @@ def write_dataset(
                 ("command", command_interval, COMMAND),
             ):
                 decimation = round(interval / TIME_STEP)
-                columns = {"time [s]": recording["time"][::decimation]}
+                clock = recording["time"] + (command_delay if file_kind == "command" else 0.0)
+                columns = {"time [s]": clock[::decimation]}
                 for heading, noise in noise_by_heading.items():
                     values = (channel_by_limb if limb else recording.__getitem__)(heading.split(" ")[0])[::decimation]
                     samples = values + rng.normal(0.0, 1.0, len(values)) * noise

@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from klute_sim.diagnosis.experiments.registration import (
     REGISTRATION_DEVIATIONS,
+    REGISTRATION_WORDS,
     SI_FACTORS,
     MeasuredInputs,
     PlateLoad,
@@ -42,8 +43,9 @@ MEASURED = MeasuredInputs(INPUTS, LOAD, STEP)
 
 
 def test_names_units_and_fields_agree() -> None:
-    fields = [name.removeprefix("registration.").rpartition("_")[0] for name in REGISTRATION_DEVIATIONS]
+    fields = [name.removeprefix("registration.").rpartition("_")[0] for name in REGISTRATION_WORDS]
     assert fields == list(Registration._fields)
+    assert list(REGISTRATION_WORDS)[:-1] == list(REGISTRATION_DEVIATIONS)
     assert len(SI_FACTORS) == len(fields)
 
 
@@ -67,9 +69,9 @@ def test_corrections_that_matter_are_told() -> None:
         ("registration.plate_gain_pct", -0.03, (-0.1, 0.04)),
         ("tendon.stiffness_1_n_per_mm", 60.0, (59.0, 61.0)),
     ]
-    (sentence,) = describe_registration(rows)
+    (sentence,) = describe_registration(rows, REGISTRATION_DEVIATIONS)
     assert "the centre of pressure lies 5 [4.7, 5.2] mm further back than measured" in sentence
-    assert describe_registration(rows[1:]) == []
+    assert describe_registration(rows[1:], REGISTRATION_DEVIATIONS) == []
 
 
 def test_no_error_changes_nothing() -> None:

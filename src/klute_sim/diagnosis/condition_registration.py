@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from klute_sim.diagnosis.experiments.registration import REGISTRATION_DEVIATIONS, REGISTRATION_WORDS
+from klute_sim.diagnosis.experiments.registration import REGISTRATION_WORDS
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import group_repeats
@@ -25,14 +25,14 @@ def describe_condition_registration(data: WeightedData, base_fit: Fit) -> list[s
     """
     groups = group_repeats(data.experiments)
     names = [parameter.name for parameter in base_fit.hypothesis.parameters]
-    candidates = [name for name in REGISTRATION_DEVIATIONS if name in names]
+    deviations = dict(base_fit.hypothesis.registration)
     misfit = base_fit.chi2 - data.n_effective
-    if len(groups) < 2 or misfit <= 0.0 or not candidates:
+    if len(groups) < 2 or misfit <= 0.0 or not deviations:
         return []
-    rows = [(name, *_fit_each_condition(data, base_fit, names.index(name), groups.values())) for name in candidates]
+    rows = [(name, *_fit_each_condition(data, base_fit, names.index(name), groups.values())) for name in deviations]
     name, values, chi2 = min(rows, key=lambda row: row[2])
     share = (base_fit.chi2 - chi2) / misfit
-    if share < MIN_REGISTRATION_SHARE or np.ptp(values) < MIN_SPREAD_SIGMAS * REGISTRATION_DEVIATIONS[name]:
+    if share < MIN_REGISTRATION_SHARE or np.ptp(values) < MIN_SPREAD_SIGMAS * deviations[name]:
         return []
     statement, positive, negative = REGISTRATION_WORDS[name]
     conditions = [

@@ -15,6 +15,7 @@ from klute_sim.datasets.dataset import Dataset, split_dataset
 from klute_sim.datasets.split import Split
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.absent_effect import remove_absent_effects
+from klute_sim.diagnosis.command_delay import estimate_command_delay, has_pressure_misfit
 from klute_sim.diagnosis.command_interpolation import (
     Outcome,
     Preparation,
@@ -158,7 +159,9 @@ def _run_workflow(
         selected = selected._replace(reasons=[*sentences, *selected.reasons])
     fit = selected.final_fit
     names = [parameter.name for parameter in fit.hypothesis.parameters]
-    reasons += describe_registration(zip(names, fit.values, selected.confidence_intervals, strict=True))
+    reasons += describe_registration(
+        zip(names, fit.values, selected.confidence_intervals, strict=True), dict(fit.hypothesis.registration)
+    )
     if selected.verdict != "nothing-missing":
         reasons += describe_condition_registration(data, base_fit)
     reasons += filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
@@ -341,11 +344,27 @@ def _propose_next_experiment(data: WeightedData, dataset: Dataset, final_fit: Fi
 def fit_base_device(
     dataset: Dataset, experiments: Sequence[Experiment], simulator: Simulator, cache: FitCache | None = None
 ) -> tuple[Fit, WeightedData]:
-    """Return the fit of the device without added effects, and the data weighted by the noise of its residuals."""
+    """Return the fit of the device without added effects, and the data weighted by the noise of its residuals.
+
+    It corrects the registration, and the delay of a command where this explains the pressures.
+    """
     registration = tuple(experiments[0].registration_deviations.items())
     uncertainties = tuple(dataset.uncertainties.items())
     mechanism_numbers = tuple({**dataset.model_values, **dataset.nominal_numbers}.items())
     nominal = Hypothesis(dataset.device, uncertainties, (), (), registration, mechanism_numbers)
+    fit, data = _fit_with_noise(nominal, experiments, simulator, cache)
+    delay = estimate_command_delay(data, fit)
+    if not delay:
+        return fit, data
+    extended = replace(nominal, registration=(*registration, *delay.items()))
+    corrected_fit, corrected_data = _fit_with_noise(extended, experiments, simulator, cache)
+    return (fit, data) if has_pressure_misfit(corrected_data, corrected_fit) else (corrected_fit, corrected_data)
+
+
+def _fit_with_noise(
+    nominal: Hypothesis, experiments: Sequence[Experiment], simulator: Simulator, cache: FitCache | None
+) -> tuple[Fit, WeightedData]:
+    """Return the fit of ``nominal``, and the data weighted by the noise of its residuals."""
     unweighted = WeightedData(simulator, experiments, {})
     estimate_noise = (
         repeats.estimate_noise_from_repeats

@@ -216,6 +216,8 @@ class Experiment(ABC):
     """Tendon -> device of a mechanism; empty on a rig with one device."""
     has_zero_order_hold: bool = False
     """Whether each command is held until the next sample (zero-order hold); otherwise it is interpolated linearly."""
+    command_interval: float = 0.0
+    """Sampling interval of the command [s] where a fit may correct its delay; otherwise 0."""
     has_stepped_command: bool = False
     """Whether each command that changes does so in steps, between which it is constant."""
     noisy_variants: "tuple[Experiment, ...]" = ()

@@ -25,6 +25,7 @@ from klute_sim.diagnosis.experiments.registration import (
     MeasuredInputs,
     PlateLoad,
     Registration,
+    delay_inputs,
 )
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
@@ -151,14 +152,18 @@ class GaitExperiment(Experiment):
         return float(np.ptp(self.inputs.ground_moment)) / self.foot.spring_stiffness * moment_arm(self.foot, 0.0)
 
     def simulate(self, setup: SimulationSetup) -> DeviceResponse:
-        """Simulate the replay; values are those at the start of each time step."""
+        """Simulate the replay; values are those at the start of each time step.
+
+        A late log of the command is corrected by the times of all other channels: a time step has one command, and a
+        regulator that limits the rate of the pressure responds to a part of a change as to all of it.
+        """
         foot = self.build_foot(setup)
         registration = Registration(*setup.registration)
-        inputs = self.correct_inputs(registration)
+        inputs = delay_inputs(self.correct_inputs(registration), registration.command_delay / self.dt)
         replay = simulate_replay(setup.parameters, foot, inputs._replace(pressure_command=self.command), self.dt)
         time: Array = self.start_time + self.dt * np.arange(float(len(self.command)))
         return DeviceResponse(
-            time,
+            time - registration.command_delay,
             replay.tension,
             replay.pressure,
             replay.length,
@@ -167,7 +172,7 @@ class GaitExperiment(Experiment):
         )
 
     def correct_inputs(self, registration: Registration) -> ReplayInputs:
-        """Return :attr:`inputs` under the errors of ``registration``."""
+        """Return :attr:`inputs` under the errors of ``registration``, but for the delay of the command."""
         return self.inputs if registration == NO_REGISTRATION_ERROR else self._measured_inputs.correct(registration)
 
     @cached_property
@@ -246,6 +251,7 @@ def prepare_gait_trial(trial: Trial, use: Use) -> GaitExperiment:
         dt=TIME_STEP,
         command=inputs.pressure_command,
         zero_order_hold_command=apply_zero_order_hold(time + TIME_STEP, TIME_STEP, motion.pressure_command),
+        command_interval=motion.pressure_command.sampling_interval,
         measured=_exclude_contact_changes(samples, motion),
         trusted=trial.trusted,
         limits=trial.limits,

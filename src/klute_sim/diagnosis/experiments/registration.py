@@ -2,11 +2,12 @@
 
 A force plate, markers and a prosthesis are three systems of coordinates, each known to a few millimetres, and two
 clocks. Small errors between them move the moment about the ankle in every stride alike, so they are fitted with their
-usual size as a prior before any effect is named.
+usual size as a prior before any effect is named. So is the delay of a command, where the pressures show one that is
+shorter than its sampling interval (:mod:`klute_sim.diagnosis.command_delay`).
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from typing import NamedTuple
 
@@ -24,8 +25,8 @@ REGISTRATION_PREFIX = "registration."
 class Registration(NamedTuple):
     """Corrections of the registration in SI units; 0 where the set-up is right.
 
-    Each is added to what was measured, except two: the zero is subtracted from the angle, and the delay from the times
-    of the plate.
+    Each is added to what was measured, except three: the zero is subtracted from the angle, and the delays from the
+    times of the plate and of the command.
     """
 
     cop_to_ankle: float = 0.0
@@ -38,6 +39,8 @@ class Registration(NamedTuple):
     """Measured angle of a neutral ankle [rad]: the error of the angle's zero, or of the shank inclination in it."""
     plate_delay: float = 0.0
     """Time by which the plate is late against motion and device [s]."""
+    command_delay: float = 0.0
+    """Time by which the log of the pressure command is late against motion and device [s]."""
 
 
 NO_REGISTRATION_ERROR = Registration()
@@ -53,8 +56,10 @@ REGISTRATION_DEVIATIONS = {
 }
 """Name -> standard deviation in the unit of the name (assumed: centre of pressure 3 mm and ankle axis 5 mm, of which
 only the distance matters; plate 1 %; shank 1 degree; clocks one sample of a log at 200 Hz). In the order of
-:class:`Registration`."""
-SI_FACTORS = (1e-3, 1e-3, 1e-2, np.pi / 180.0, 1e-3)
+:class:`Registration`, whose last number is not in every fit."""
+COMMAND_DELAY = "registration.command_delay_ms"
+"""Name of the number that shifts the command in time."""
+SI_FACTORS = (1e-3, 1e-3, 1e-2, np.pi / 180.0, 1e-3, 1e-3)
 """Units of the names in SI, in the same order."""
 
 
@@ -92,7 +97,7 @@ class MeasuredInputs:
         self._forward = self._sine * inputs.axial_force - self._cosine * inputs.shear_force
 
     def correct(self, registration: Registration) -> ReplayInputs:
-        """Return the inputs under the errors of ``registration``."""
+        """Return the inputs under the errors of ``registration``, but for the delay of the command."""
         inputs, load, gain = self._inputs, self._load, 1.0 + registration.plate_gain
         forward, vertical = self._forward, load.vertical
         if registration.plate_delay != 0.0:
@@ -136,26 +141,38 @@ class MeasuredInputs:
         return np.asarray(self._plate - self._smooth_plate(self._smooth_plate.x))
 
 
+def delay_inputs(inputs: ReplayInputs, n_steps: float) -> ReplayInputs:
+    """Return ``inputs`` later by ``n_steps`` time steps, which need not be whole: linear between them."""
+    if n_steps == 0.0:
+        return inputs
+    steps = np.arange(len(inputs.shank_angle), dtype=np.float64)
+    return ReplayInputs(*(np.interp(steps - n_steps, steps, series) for series in inputs))
+
+
 REGISTRATION_WORDS = {
     "registration.cop_to_ankle_mm": ("the centre of pressure lies {size} mm further {direction}", "forward", "back"),
     "registration.ankle_height_mm": ("the ankle axis lies {size} mm {direction}", "higher", "lower"),
     PLATE_GAIN: ("the forces of the plate are {size} % {direction}", "larger", "smaller"),
     "registration.ankle_zero_deg": ("the zero of the ankle angle is {size} degrees {direction}", "higher", "lower"),
     "registration.plate_delay_ms": ("the load of the plate came {size} ms {direction}", "earlier", "later"),
+    COMMAND_DELAY: ("the pressure command acted {size} ms {direction}", "earlier", "later"),
 }
 """Name -> statement about the corrected set-up, and the directions of a positive and of a negative correction."""
 MIN_REPORTED_SIGMAS = 0.5
 """Smallest correction that is reported, in standard deviations of its prior (assumed)."""
 
 
-def describe_registration(rows: Iterable[tuple[str, float, tuple[float, float]]]) -> list[str]:
+def describe_registration(
+    rows: Iterable[tuple[str, float, tuple[float, float]]], deviations: Mapping[str, float]
+) -> list[str]:
     """Return a sentence about the corrections of the registration that matter.
 
-    ``rows`` are names, fitted values and 95 % intervals of all parameters, in the units of their names.
+    ``rows`` are names, fitted values and 95 % intervals of all parameters, in the units of their names, ``deviations``
+    the standard deviations of those that belong to the registration.
     """
     statements = []
     for name, value, (low, high) in rows:
-        is_large = abs(value) > MIN_REPORTED_SIGMAS * REGISTRATION_DEVIATIONS.get(name, math.inf)
+        is_large = abs(value) > MIN_REPORTED_SIGMAS * deviations.get(name, math.inf)
         if is_large and low * high > 0.0:
             statement, positive, negative = REGISTRATION_WORDS[name]
             direction = positive if value > 0.0 else negative
