@@ -343,17 +343,34 @@ def test_restart_that_ends_elsewhere_is_refined(
     assert len(list(fits)) == 3 - n_fits
 
 
-@pytest.mark.parametrize(("gains", "is_listed"), [((0.03, 0.03), True), ((0.03, 0.0), False), ((0.2, 0.03), False)])
+@pytest.mark.parametrize(
+    ("gains", "validation_chi2", "is_listed"),
+    [
+        ((0.03, 0.03), 1000.0, True),
+        ((0.03, 0.0), 1000.0, False),
+        ((0.2, 0.03), 1000.0, False),
+        ((0.12, 0.03), 100.0, True),  # a difference of 9 decides nothing
+        ((0.3, 0.03), 100.0, False),
+        ((0.05, -0.03), 100.0, False),
+    ],
+)
 def test_rival_need_not_improve_validation_trials_more_than_the_best_model_does(
-    gains: tuple[float, float], is_listed: bool, data: WeightedData, monkeypatch: pytest.MonkeyPatch
+    gains: tuple[float, float],
+    validation_chi2: float,
+    is_listed: bool,
+    data: WeightedData,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The comparison of whole models may find a term that alone would not pass the selection."""
     best, rival = make_fit(COULOMB, RELAXATION, time_constant_s=1.0), make_fit(COULOMB, THRESHOLD)
     step = SelectionStep(make_fit(COULOMB, chi2=500.0), (), (best, rival), RELAXATION, {}, "")
     search = ForwardSelection(data, [], [], history=[step])
     monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
+    fractions = {id(step.initial_fit): 1.0, id(best): 1.0 - gains[0], id(rival): 1.0 - gains[1]}
     monkeypatch.setattr(
-        ForwardSelection, "compute_validation_gains", lambda self, before, after: {"v": gains[after is not best]}
+        ForwardSelection,
+        "compute_validation_chi2",
+        lambda self, *fits: {"v": [validation_chi2 * fractions[id(fit)] for fit in fits]},
     )
     monkeypatch.setattr(robustness, "refine_names", lambda data, fit: fit)
     monkeypatch.setattr(robustness, "refit_without_term", lambda data, fit, term: make_fit(chi2=500.0))

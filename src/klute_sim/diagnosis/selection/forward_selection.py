@@ -272,26 +272,23 @@ class ForwardSelection:
         return fit_result.bic(self.data.n_effective)
 
     def compute_validation_gains(self, before: Fit, after: Fit) -> dict[str, float]:
-        """Return the relative fall of chi squared from ``before`` to ``after`` in each validation group.
+        """Return the relative fall of chi squared from ``before`` to ``after`` in each validation group."""
+        groups = self.compute_validation_chi2(before, after)
+        return {group: 1.0 - chi2_after / chi2_before for group, (chi2_before, chi2_after) in groups.items()}
 
-        Without validation trials, each fitted group in turn is left out and both models are refitted to the others.
-        Only groups of its specimen tell anything about a number of one specimen.
+    def compute_validation_chi2(self, *fits: Fit) -> dict[str, list[float]]:
+        """Return chi squared of each of ``fits`` in each validation group.
+
+        Without validation trials, each fitted group in turn is left out and all models are refitted to the others.
+        Only groups of its specimen tell anything about a number of one specimen, the last term of the last fit.
         """
-        specimen = after.hypothesis.terms[-1].specimen if after.hypothesis.terms else None
+        specimen = fits[-1].hypothesis.terms[-1].specimen if fits[-1].hypothesis.terms else None
         validation_data = [data for data in self.validation_data if specimen in (None, data.experiments[0].specimen)]
         if not validation_data:
-            return self._compute_cross_validation_gains(before, after, specimen)
-        gains = {}
-        for data in validation_data:
-            chi2 = []
-            for fit in (before, after):
-                (residuals,) = data.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)
-                vector = data.weight_residuals(residuals)
-                chi2.append(float(vector @ vector))
-            gains[data.experiments[0].group] = 1.0 - chi2[1] / chi2[0]
-        return gains
+            return self._cross_validate(fits, specimen)
+        return {data.experiments[0].group: [_compute_chi2(data, fit) for fit in fits] for data in validation_data}
 
-    def _compute_cross_validation_gains(self, before: Fit, after: Fit, specimen: str | None) -> dict[str, float]:
+    def _cross_validate(self, fits: Sequence[Fit], specimen: str | None) -> dict[str, list[float]]:
         experiments = self.data.experiments
         groups = [
             group
@@ -300,18 +297,13 @@ class ForwardSelection:
         ]
         if len(groups) < 2:  # without its only group, the number would stay as that group has fitted it
             return {}
-        gains = {}
+        chi2 = {}
         for group in groups:
             training = self.data.with_experiments([e for e in experiments if e.group != group])
             held_out = self.data.with_experiments([e for e in experiments if e.group == group])
-            chi2 = []
-            for fit in (before, after):
-                refit = fit_hypothesis(training, fit.hypothesis, fit.x, max_nfev=REFIT_MAX_NFEV[1])
-                (residuals,) = held_out.compute_residuals(refit.hypothesis, [refit.x], may_diverge=True)
-                vector = held_out.weight_residuals(residuals)
-                chi2.append(float(vector @ vector))
-            gains[group] = 1.0 - chi2[1] / chi2[0]
-        return gains
+            refits = [fit_hypothesis(training, fit.hypothesis, fit.x, max_nfev=REFIT_MAX_NFEV[1]) for fit in fits]
+            chi2[group] = [_compute_chi2(held_out, refit) for refit in refits]
+        return chi2
 
     def rejection_reason(
         self, before: Fit, after: Fit, validation_gains: dict[str, float], max_required_gain: float = np.inf
@@ -388,3 +380,10 @@ class ForwardSelection:
                 if self._bic(simplified) <= self._bic(current):
                     return self.simplify(simplified, base_fit)
         return current
+
+
+def _compute_chi2(data: WeightedData, fit: Fit) -> float:
+    """Return chi squared of ``fit`` in the trials of ``data``, without priors; infinite where a simulation diverges."""
+    (residuals,) = data.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)
+    vector = data.weight_residuals(residuals)
+    return float(vector @ vector)

@@ -179,8 +179,10 @@ def _identify_parameters(hypothesis: Hypothesis) -> list[tuple[EffectTerm | None
 def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_fit: Fit) -> bool:
     """Return whether ``rival`` is acceptable and not decisively worse than ``best_fit``.
 
-    Both add a term to ``reduced_fit``. Where the comparison of whole models has found ``best_fit``, its term may
-    improve validation trials by less than the selection requires; then a rival must be nearly as good on them.
+    Both add a term to ``reduced_fit``. A small effect improves validation trials by hardly more than the selection
+    requires, or by less where the comparison of whole models has found it. Then a rival need not reach that minimum. It
+    suffices that it explains them nearly as well: by about the same fraction, or such that fitted and validation trials
+    together prefer ``best_fit`` by no more than twice the difference that decides in the fitted ones alone.
     """
     n = search.data.n_effective
     lag, gain = rival.bic(n) - best_fit.bic(n), reduced_fit.bic(n) - best_fit.bic(n)
@@ -190,8 +192,12 @@ def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_
     gains = search.compute_validation_gains(reduced_fit, rival)
     if not search.rejection_reason(reduced_fit, rival, gains):
         return True
-    best_gains = search.compute_validation_gains(reduced_fit, best_fit)
-    required = float(np.mean(list(best_gains.values()) or [np.inf])) - MAX_VALIDATION_LOSS
+    chi2 = search.compute_validation_chi2(reduced_fit, best_fit, rival).values()
+    if lag + sum(of_rival - of_best for _, of_best, of_rival in chi2) <= 2.0 * search.bic_threshold:
+        required = -MAX_VALIDATION_LOSS
+    else:
+        best_gains = [1.0 - of_best / of_reduced for of_reduced, of_best, _ in chi2]
+        required = float(np.mean(best_gains)) - MAX_VALIDATION_LOSS
     return not search.rejection_reason(reduced_fit, rival, gains, required)
 
 
