@@ -36,6 +36,7 @@ _MODULES = {
     "klute_sim.api.joint": ("JointRun", "export_mjcf", "simulate_joint"),
     "klute_sim.api.mocap": ("DatasetImport", "GaitImport", "export_run", "import_dataset", "import_gait"),
     "klute_sim.api.reproduction": ("ReproductionResult", "reproduce"),
+    "klute_sim.api.response": ("simulate_response",),
     "klute_sim.api.sweep": ("sweep", "sweep_joint", "sweep_walks"),
     "klute_sim.api.sweep_result": ("SweepResult",),
     "klute_sim.api.training": ("TrainingResult", "train"),
