@@ -1,7 +1,8 @@
 """Interpolation of prescribed channels between their samples.
 
 Prescribed channels are denoised only where that is safe (:mod:`klute_sim.diagnosis.experiments.denoise`): a smooth
-curve through the noise of a quick release would have a larger error than its samples. A command whose log shows the
+curve through the noise of a quick release would have a larger error than its samples, and the steps of a digital
+command look like noise (:func:`repeats_samples`). A command whose log shows the
 updates of a digital controller (:func:`shows_updates`) is held until its next sample (zero-order hold). Any other is
 interpolated linearly or with a zero-order hold, as the data decide: a controller that sets it at each sample holds it,
 and linear interpolation begins up to a sampling interval early. The length follows a curve, because a machine has mass:
@@ -27,6 +28,9 @@ MIN_REGULAR_FRACTION = 0.5
 MIN_CHANGE_SIZES = 4
 """Smallest number of different changes of a command that show updates (assumed). A slow ramp in the resolution of the
 log changes by the resolution alone, and a switched command by one step."""
+MIN_REPEATED_FRACTION, MIN_REPEATED_SIZES = 0.3, 8
+"""Smallest fraction of samples that equal the one before, and smallest number of different changes, in a command that a
+digital controller holds (assumed: noise that leaves as many samples equal has changes of a few digits only)."""
 MIN_STEP_FRACTION, MAX_REST_FRACTION = 0.02, 0.05
 """Smallest step of a command, and largest change beside its steps, over its range (assumed: a measured command has
 noise)."""
@@ -78,11 +82,25 @@ def apply_zero_order_hold(time: Array, dt: float, command: TimeSeries) -> Array 
 
     ``dt`` is the time step [s]. Returns None for a constant command.
     """
-    values = denoise(command.time, command.value)
+    values = denoise_command(command)
     if not np.ptp(values):
         return None
     last = np.searchsorted(command.time, time - 0.5 * dt, side="right") - 1
     return values[np.clip(last, 0, len(values) - 1)]
+
+
+def denoise_command(command: TimeSeries) -> Array:
+    """Return the samples of ``command`` [Pa] without noise; those that a digital controller holds have none."""
+    return command.value if repeats_samples(command) else denoise(command.time, command.value)
+
+
+def repeats_samples(command: TimeSeries) -> bool:
+    """Return whether ``command`` has the steps of a digital controller: values held for one or a few samples."""
+    difference = np.abs(np.diff(command.value))
+    changes = difference[difference > 0.0]
+    if len(changes) < MIN_UPDATES or np.mean(difference == 0.0) < MIN_REPEATED_FRACTION:
+        return False
+    return len(np.unique(np.round(changes / changes.min(), 3))) >= MIN_REPEATED_SIZES
 
 
 def shows_updates(command: TimeSeries) -> bool:
@@ -116,7 +134,7 @@ def list_other_commands(time: Array, command: TimeSeries) -> tuple[Array, ...]:
     """Return other interpolations of the command [Pa] at ``time`` [s]: it may have stepped at once or at the end."""
     if command.sampling_interval <= MAX_DENSE_INTERVAL:
         return ()
-    values = denoise(command.time, command.value)
+    values = denoise_command(command)
     last = np.clip(np.searchsorted(command.time, time, side="right") - 1, 0, len(command.time) - 1)
     following = np.minimum(last + (command.time[last] < time), len(command.time) - 1)
     return values[last], values[following]
