@@ -6,7 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from klute_sim.diagnosis.command_delay import estimate_command_delay, has_pressure_misfit
+from klute_sim.diagnosis.command_delay import (
+    DEVIATION,
+    add_command_delay,
+    explains_pressures,
+    has_pressure_misfit,
+)
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.registration import COMMAND_DELAY, REGISTRATION_DEVIATIONS, delay_inputs
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -33,46 +38,50 @@ def log_late(walk: GaitExperiment, delay: float) -> GaitExperiment:
     return replace(walk, command=command, command_interval=INTERVAL)
 
 
-def fit_walks(
-    simulator: Simulator, walks: Sequence[GaitExperiment], registration: dict[str, float]
-) -> tuple[WeightedData, Fit]:
-    hypothesis = Hypothesis(DEVICE, (), (), registration=tuple(registration.items()))
+def weigh(simulator: Simulator, walks: Sequence[GaitExperiment], hypothesis: Hypothesis) -> WeightedData:
     (residuals,) = WeightedData(simulator, walks, {}).compute_residuals(hypothesis, [hypothesis.initial_point()])
-    data = WeightedData(simulator, walks, estimate_noise_from_repeats(walks, residuals))
+    return WeightedData(simulator, walks, estimate_noise_from_repeats(walks, residuals))
+
+
+def fit_delayed(simulator: Simulator, delay: float) -> tuple[WeightedData, Fit]:
+    """Return walks whose log is late by ``delay`` [s], and the fit of their registration without it."""
+    hypothesis = Hypothesis(DEVICE, (), (), registration=tuple(REGISTRATION_DEVIATIONS.items()))
+    data = weigh(simulator, [log_late(walk, delay) for walk in make_walks()], hypothesis)
     return data, fit_hypothesis(data, hypothesis)
 
 
-@pytest.mark.parametrize("delay", [1.5e-3, -1.5e-3])
-def test_delay_below_half_an_interval_is_found_and_corrected(simulator: Simulator, delay: float) -> None:
-    walks = [log_late(walk, delay) for walk in make_walks()]
-    data, base_fit = fit_walks(simulator, walks, REGISTRATION_DEVIATIONS)
+@pytest.mark.parametrize("delay", [1.5e-3, -1.5e-3, 5e-3])
+def test_delay_of_the_log_is_found_and_corrected(simulator: Simulator, delay: float) -> None:
+    data, base_fit = fit_delayed(simulator, delay)
     assert has_pressure_misfit(data, base_fit)
-    added = estimate_command_delay(data, base_fit)
-    assert added == pytest.approx({COMMAND_DELAY: 1e3 * INTERVAL / np.sqrt(12.0)})
-    data, corrected = fit_walks(simulator, walks, REGISTRATION_DEVIATIONS | added)
+    extended = add_command_delay(data, base_fit)
+    assert extended is not None
+    assert extended.registration[-1] == (COMMAND_DELAY, pytest.approx(1e3 * DEVIATION * INTERVAL))
+    data = weigh(simulator, list(data.experiments), extended)
+    corrected = fit_hypothesis(data, extended)
     assert corrected.values[-1] == pytest.approx(1e3 * delay, abs=0.1)
-    assert not has_pressure_misfit(data, corrected)
+    assert explains_pressures(data, corrected)
 
 
 def test_no_delay_is_none(simulator: Simulator) -> None:
-    walks = [log_late(walk, 0.0) for walk in make_walks()]
-    assert estimate_command_delay(*fit_walks(simulator, walks, REGISTRATION_DEVIATIONS)) == {}
+    assert add_command_delay(*fit_delayed(simulator, 0.0)) is None
 
 
-def test_longer_delay_is_no_matter_of_the_log(simulator: Simulator) -> None:
-    walks = [log_late(walk, 4e-3) for walk in make_walks()]
-    data, base_fit = fit_walks(simulator, walks, REGISTRATION_DEVIATIONS)
-    assert has_pressure_misfit(data, base_fit)
-    assert estimate_command_delay(data, base_fit) == {}
+@pytest.mark.parametrize("delay", [-4e-3, 9e-3])
+def test_other_delay_is_no_matter_of_the_log(simulator: Simulator, delay: float) -> None:
+    """A command that acts late has a dead time, and none is logged two samples late."""
+    data, base_fit = fit_delayed(simulator, delay)
+    extended = add_command_delay(data, base_fit)
+    assert extended is not None
+    assert not explains_pressures(data, fit_hypothesis(data, extended))
 
 
 def test_without_repeats_or_a_pressure_nothing_shows_a_delay(simulator: Simulator) -> None:
-    walks = [log_late(walk, 1.5e-3) for walk in make_walks()]
-    data, base_fit = fit_walks(simulator, walks, REGISTRATION_DEVIATIONS)
+    data, base_fit = fit_delayed(simulator, 1.5e-3)
     blind = replace(data, noise={name: noise for name, noise in data.noise.items() if name != "pressure"})
-    assert estimate_command_delay(blind, base_fit) == {}
-    single = data.with_experiments(walks[::2])
-    assert estimate_command_delay(single, replace(base_fit, residuals=base_fit.residuals[::2])) == {}
+    assert add_command_delay(blind, base_fit) is None
+    single = data.with_experiments(data.experiments[::2])
+    assert add_command_delay(single, replace(base_fit, residuals=base_fit.residuals[::2])) is None
 
 
 def test_inputs_are_delayed_by_parts_of_a_step() -> None:

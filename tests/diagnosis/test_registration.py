@@ -14,6 +14,7 @@ from klute_sim.diagnosis.experiments.registration import (
     PlateLoad,
     Registration,
     describe_registration,
+    make_registration,
 )
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
@@ -45,8 +46,9 @@ MEASURED = MeasuredInputs(INPUTS, LOAD, STEP)
 def test_names_units_and_fields_agree() -> None:
     fields = [name.removeprefix("registration.").rpartition("_")[0] for name in REGISTRATION_WORDS]
     assert fields == list(Registration._fields)
-    assert list(REGISTRATION_WORDS)[:-1] == list(REGISTRATION_DEVIATIONS)
-    assert len(SI_FACTORS) == len(fields)
+    assert list(REGISTRATION_WORDS) == list(SI_FACTORS)
+    assert make_registration([]) == ()
+    assert Registration(*make_registration([("registration.plate_delay_ms", 2.0)])) == Registration(plate_delay=2e-3)
 
 
 def test_moment_follows_the_lever_and_the_height() -> None:

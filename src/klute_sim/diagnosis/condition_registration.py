@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from klute_sim.diagnosis.experiments.registration import REGISTRATION_WORDS
+from klute_sim.diagnosis.experiments.registration import COMMAND_DELAY, REGISTRATION_WORDS
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import group_repeats
@@ -25,7 +25,7 @@ def describe_condition_registration(data: WeightedData, base_fit: Fit) -> list[s
     """
     groups = group_repeats(data.experiments)
     names = [parameter.name for parameter in base_fit.hypothesis.parameters]
-    deviations = dict(base_fit.hypothesis.registration)
+    deviations = {name: std for name, std in base_fit.hypothesis.registration if name != COMMAND_DELAY}
     misfit = base_fit.chi2 - data.n_effective
     if len(groups) < 2 or misfit <= 0.0 or not deviations:
         return []

@@ -15,7 +15,7 @@ from klute_sim.datasets.dataset import Dataset, split_dataset
 from klute_sim.datasets.split import Split
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.absent_effect import remove_absent_effects
-from klute_sim.diagnosis.command_delay import estimate_command_delay, has_pressure_misfit
+from klute_sim.diagnosis.command_delay import add_command_delay, explains_pressures
 from klute_sim.diagnosis.command_interpolation import (
     Outcome,
     Preparation,
@@ -353,12 +353,11 @@ def fit_base_device(
     mechanism_numbers = tuple({**dataset.model_values, **dataset.nominal_numbers}.items())
     nominal = Hypothesis(dataset.device, uncertainties, (), (), registration, mechanism_numbers)
     fit, data = _fit_with_noise(nominal, experiments, simulator, cache)
-    delay = estimate_command_delay(data, fit)
-    if not delay:
+    extended = add_command_delay(data, fit)
+    if extended is None:
         return fit, data
-    extended = replace(nominal, registration=(*registration, *delay.items()))
     corrected_fit, corrected_data = _fit_with_noise(extended, experiments, simulator, cache)
-    return (fit, data) if has_pressure_misfit(corrected_data, corrected_fit) else (corrected_fit, corrected_data)
+    return (corrected_fit, corrected_data) if explains_pressures(corrected_data, corrected_fit) else (fit, data)
 
 
 def _fit_with_noise(

@@ -109,8 +109,8 @@ class SimulationSetup(NamedTuple):
     body_edits: tuple[BodyEdit, ...] = ()
     """Effects of the body added to those of the device file."""
     registration: tuple[float, ...] = ()
-    """Errors of the registration of a walk (:class:`~klute_sim.diagnosis.experiments.registration.Registration`); empty
-    for none."""
+    """Errors of the registration (:class:`~klute_sim.diagnosis.experiments.registration.Registration`); empty for
+    none."""
     devices: tuple[DeviceParameters, ...] = ()
     """Parameters of all devices of a mechanism, in its order; empty: the nominal ones."""
     model_numbers: tuple[tuple[str, float], ...] = ()
@@ -217,7 +217,7 @@ class Experiment(ABC):
     has_zero_order_hold: bool = False
     """Whether each command is held until the next sample (zero-order hold); otherwise it is interpolated linearly."""
     command_interval: float = 0.0
-    """Sampling interval of the command [s] where a fit may correct its delay; otherwise 0."""
+    """Sampling interval of the command [s]; 0 where it is known when the command acts."""
     has_stepped_command: bool = False
     """Whether each command that changes does so in steps, between which it is constant."""
     noisy_variants: "tuple[Experiment, ...]" = ()

@@ -30,10 +30,12 @@ from klute_sim.diagnosis.experiments.base import (
 from klute_sim.diagnosis.experiments.denoise import denoise
 from klute_sim.diagnosis.experiments.interpolation import (
     apply_zero_order_hold,
+    denoise_command,
     interpolate_smoothly,
     list_other_commands,
     list_other_lengths,
 )
+from klute_sim.diagnosis.experiments.registration import Registration
 from klute_sim.types import Array
 
 MIN_TIME_STEP, MAX_TIME_STEP = 5e-4, 5e-3
@@ -148,8 +150,8 @@ class BenchExperiment(Experiment):
     def simulate(self, setup: SimulationSetup) -> DeviceResponse:
         """Simulate from equilibrium at the first inputs; values are those after each time step.
 
-        The time grid is shifted to the corners of a delayed command: otherwise a rate limit would act up to one time
-        step early.
+        The time grid is shifted to the corners of a command that is delayed, or whose log is: otherwise a rate limit
+        would act up to one time step early.
         """
         parameters, length, command, dt = setup.parameters, self.unit_length, self.command, self.dt
         initial_command = float(command[0]) if self.initial_pressure is None else self.initial_pressure
@@ -164,9 +166,11 @@ class BenchExperiment(Experiment):
                 *parameters.effects[DEAD_TIME_INDEX + 1 :],
             )
             parameters = parameters._replace(effects=effects)
-            length = length + shift / dt * np.diff(length, append=length[-1])
+        shift -= Registration(*setup.registration).command_delay
         n_substeps = self._count_substeps(parameters)
         steps = np.arange(len(length), dtype=np.float64)
+        if shift != 0.0:
+            length = np.interp(steps + shift / dt, steps, length)
         fine_steps = (np.arange(n_substeps * len(length)) + 1.0) / n_substeps - 1.0
         rollout = simulate_rollouts(
             parameters,
@@ -221,11 +225,12 @@ def prepare_bench_trial(trial: Trial, use: Use) -> BenchExperiment:
         start_time=start_time,
         dt=dt,
         unit_length=interpolate_smoothly(time, length.time, denoise(length.time, length.value)),
-        command=np.interp(time, command.time, denoise(command.time, command.value)),
+        command=np.interp(time, command.time, denoise_command(command)),
         measured=select_samples(trial, start_time, end_time, time[-1], **(warm_up if is_moving else {})),
         initial_pressure=_estimate_initial_pressure(trial, start_time) if is_moving else None,
         other_lengths=list_other_lengths(time, length),
         other_commands=list_other_commands(time, command),
+        command_interval=command.sampling_interval,
         zero_order_hold_command=apply_zero_order_hold(time, dt, command),
         trusted=trial.trusted,
         limits=trial.limits,

@@ -36,7 +36,8 @@ from klute_sim.diagnosis.experiments.initial_motion import (
     interpolate_finite,
     read_initial_pressures,
 )
-from klute_sim.diagnosis.experiments.interpolation import apply_zero_order_hold, list_other_commands
+from klute_sim.diagnosis.experiments.interpolation import apply_zero_order_hold, denoise_command, list_other_commands
+from klute_sim.diagnosis.experiments.registration import Registration
 from klute_sim.errors import InputError
 from klute_sim.mechanism.assembly import Binding, Mechanism, compute_unit_lengths
 from klute_sim.mechanism.simulate import simulate_mechanism
@@ -50,7 +51,8 @@ POSITION_PERTURBATION = 1e-3
 KINEMATIC_RATE = 100.0
 """Positions per second [Hz] at which the lengths of the tendons are evaluated (assumed: between them, lines are off by
 0.2 % of the amplitude of a motion of 2 Hz)."""
-PRESSURE_QUANTITIES = ("pressure_command", "pressure")
+COMMAND_QUANTITY = "pressure_command"
+PRESSURE_QUANTITIES = (COMMAND_QUANTITY, "pressure")
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,9 +167,7 @@ class MechanismExperiment(Experiment):
     @property
     def pressure_range(self) -> float:
         """Largest range of a pressure command [Pa]."""
-        commands = [
-            values for name, values in self.inputs.items() if parse_channel(name).quantity == "pressure_command"
-        ]
+        commands = [values for name, values in self.inputs.items() if parse_channel(name).quantity == COMMAND_QUANTITY]
         return max(float(np.ptp(values)) for values in (self.command, *commands))
 
     @property
@@ -178,10 +178,11 @@ class MechanismExperiment(Experiment):
     def simulate(self, setup: SimulationSetup) -> DeviceResponse:
         """Simulate from rest under the first inputs, or from the measured initial motion."""
         parameters = setup.devices or tuple(device.parameters for device in self.devices.values())
+        delay = Registration(*setup.registration).command_delay
         rollout = simulate_mechanism(
             self.mechanism,
             dict(zip(self.devices, parameters, strict=True)),
-            self.inputs,
+            self._delay_other_inputs(delay / self.dt) if delay != 0.0 else self.inputs,
             self.dt,
             numbers={**self.numbers, **dict(setup.model_numbers)},
             initial_positions=self.initial_positions,
@@ -191,8 +192,18 @@ class MechanismExperiment(Experiment):
         )
         first = rollout.trace_device(next(iter(self.devices)))
         channels = {name: rollout.read_channel(binding) for name, binding in self.outputs.items()}
-        time = self.start_time + self.dt + rollout.time
+        time = self.start_time + self.dt - delay + rollout.time
         return DeviceResponse(time, first.tension, first.pressure, first.length, channels=channels)
+
+    def _delay_other_inputs(self, n_steps: float) -> dict[str, Array]:
+        """Return :attr:`inputs` with all but the commands later by ``n_steps`` time steps."""
+        steps = np.arange(len(self.command), dtype=np.float64)
+        return {
+            name: values
+            if parse_channel(name).quantity == COMMAND_QUANTITY
+            else np.interp(steps - n_steps, steps, values)
+            for name, values in self.inputs.items()
+        }
 
     def correct_model_numbers(self, changes: Mapping[str, NumberChange]) -> dict[str, float]:
         """Return the changed numbers; one that the trial overrides has the error of the declared one."""
@@ -256,7 +267,7 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
     zero_order_hold_commands = {
         name: values
         for name, samples in series.items()
-        if parse_channel(name).quantity == "pressure_command"
+        if parse_channel(name).quantity == COMMAND_QUANTITY
         and (values := apply_zero_order_hold(time, dt, samples)) is not None
     }
     pressure_name = next(n for n, b in mechanism.bindings.items() if b.name == next(iter(declared.devices)))
@@ -293,6 +304,10 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
         inputs=inputs,
         other_inputs=other_inputs,
         zero_order_hold_commands=zero_order_hold_commands,
+        command_interval=max(
+            (s.sampling_interval for name, s in series.items() if parse_channel(name).quantity == COMMAND_QUANTITY),
+            default=0.0,
+        ),
         numbers=trial.model_numbers,
         initial_positions=initial_positions | dict(stated.positions),
         initial_velocities=velocities,
@@ -304,14 +319,17 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
 
 def _interpolate(name: str, samples: TimeSeries, time: Array) -> Array:
     """Return a prescribed channel at ``time`` [s]; a motion is smooth, because its acceleration moves the bodies."""
+    quantity = parse_channel(name).quantity
+    if quantity == COMMAND_QUANTITY:
+        return np.interp(time, samples.time, denoise_command(samples))
     values = denoise(samples.time, samples.value)
-    if parse_channel(name).quantity in MOTION_QUANTITIES:
+    if quantity in MOTION_QUANTITIES:
         return np.asarray(CubicSpline(samples.time, values)(time), dtype=np.float64)
     return np.interp(time, samples.time, values)
 
 
 def _list_other_interpolations(name: str, samples: TimeSeries, time: Array) -> tuple[Array, ...]:
-    is_command = parse_channel(name).quantity == "pressure_command"
+    is_command = parse_channel(name).quantity == COMMAND_QUANTITY
     return list_other_commands(time, samples) if is_command else ()
 
 

@@ -1,9 +1,9 @@
-"""Registration of a walk: how ground reaction, ankle axis and angles fit together in space and time.
+"""Registration of instruments: how their coordinates and clocks fit together, on a walk above all.
 
 A force plate, markers and a prosthesis are three systems of coordinates, each known to a few millimetres, and two
 clocks. Small errors between them move the moment about the ankle in every stride alike, so they are fitted with their
-usual size as a prior before any effect is named. So is the delay of a command, where the pressures show one that is
-shorter than its sampling interval (:mod:`klute_sim.diagnosis.command_delay`).
+usual size as a prior before any effect is named. So is the delay of a command on any rig, where the pressures show one
+that is shorter than its sampling interval (:mod:`klute_sim.diagnosis.command_delay`).
 """
 
 import math
@@ -59,8 +59,19 @@ only the distance matters; plate 1 %; shank 1 degree; clocks one sample of a log
 :class:`Registration`, whose last number is not in every fit."""
 COMMAND_DELAY = "registration.command_delay_ms"
 """Name of the number that shifts the command in time."""
-SI_FACTORS = (1e-3, 1e-3, 1e-2, np.pi / 180.0, 1e-3, 1e-3)
-"""Units of the names in SI, in the same order."""
+SI_FACTORS = dict(
+    zip((*REGISTRATION_DEVIATIONS, COMMAND_DELAY), (1e-3, 1e-3, 1e-2, np.pi / 180.0, 1e-3, 1e-3), strict=True)
+)
+"""Name -> its unit in SI, in the order of :class:`Registration`."""
+
+
+def make_registration(corrections: Iterable[tuple[str, float]]) -> tuple[float, ...]:
+    """Return the fields of the :class:`Registration` with these (name, value in the unit of the name).
+
+    Returns an empty tuple without any.
+    """
+    values = dict(corrections)
+    return tuple(values.get(name, 0.0) * factor for name, factor in SI_FACTORS.items()) if values else ()
 
 
 SMOOTHING_TIME = 2e-3
@@ -181,7 +192,4 @@ def describe_registration(
             statements.append(statement.format(size=size, direction=direction))
     if not statements:
         return []
-    return [
-        f"The fit corrected the registration of the walks (95 % intervals in brackets): {', '.join(statements)} than "
-        "measured."
-    ]
+    return [f"The fit corrected the registration (95 % intervals in brackets): {', '.join(statements)} than measured."]

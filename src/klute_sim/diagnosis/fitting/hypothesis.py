@@ -25,7 +25,7 @@ from klute_sim.diagnosis.experiments.base import (
     SensorModel,
     SimulationSetup,
 )
-from klute_sim.diagnosis.experiments.registration import PLATE_GAIN, REGISTRATION_PREFIX, SI_FACTORS
+from klute_sim.diagnosis.experiments.registration import PLATE_GAIN, REGISTRATION_PREFIX, make_registration
 from klute_sim.diagnosis.fitting.dependent_numbers import (
     complete_numbers,
     limit_to_valid,
@@ -137,7 +137,7 @@ class Hypothesis:
     terms: tuple[EffectTerm, ...] = ()
     """Additional effects."""
     registration: tuple[tuple[str, float], ...] = ()
-    """Name and standard deviation of each error of the registration of a walk."""
+    """Name and standard deviation of each error of the registration."""
     mechanism_numbers: tuple[tuple[str, float], ...] = ()
     """Name and nominal value of each number of a mechanism's model, and of each uncertain number of its devices."""
 
@@ -288,7 +288,7 @@ class Hypothesis:
                 sensors.append(SensorModel(term.channel, term.effect, term.form_definition.parameter_type(*si_values)))
         start = len(self.uncertainties)
         errors = values[start : start + len(self.registration)]
-        registration = tuple(error * factor for error, factor in zip(errors, SI_FACTORS, strict=False))
+        registration = make_registration(zip(dict(self.registration), errors, strict=True))
         # Most trials share a device.
         built: dict[tuple[str | None, str, str], tuple[DeviceParameters, list[BodyEdit]]] = {}
         specimens = {term.specimen for term in self.terms}
