@@ -6,16 +6,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from klute_sim.api.inputs import DeviceLike, to_device
-from klute_sim.bench.device_only import simulate_device_only
+from klute_sim.bench.validation import validate_inputs
 from klute_sim.device.device import check_accepts_pressure
+from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.experiments.interpolation import interpolate_smoothly
 from klute_sim.errors import InputError
+from klute_sim.provenance import collect_versions
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 from klute_sim.units import BAR
-
-OUTPUT_CHANNELS = "force", "pressure", "muscle_length"
-"""Channels that the device determines."""
 
 
 def simulate_response(
@@ -25,7 +24,7 @@ def simulate_response(
     pressure_command_bar: ArrayLike,
     *,
     zero_order_hold: bool = False,
-    time_step: float = 5e-4,
+    time_step: float = 1e-4,
 ) -> Recording:
     """Simulate ``device`` under a prescribed length and pressure command, and return its response at the same times.
 
@@ -38,7 +37,7 @@ def simulate_response(
         length_mm: Length of the whole muscle-tendon unit [mm], (samples,); between samples it follows a smooth curve.
         pressure_command_bar: Commanded gauge pressure [bar], (samples,), or one number for all.
         zero_order_hold: Whether each command is held until the next sample; False: it is interpolated linearly.
-        time_step: Longest time step [s].
+        time_step: Longest time step [s]; the error of the response is in proportion to it.
 
     Raises InputError when the series do not match, are not finite or are out of the range of the device. Raises
     SimulationError when the response is not finite.
@@ -66,11 +65,23 @@ def simulate_response(
     # A time step ends at its time of the grid, and has one command.
     last = np.maximum(np.searchsorted(time, grid - 0.5 * dt, side="right") - 1, 0)
     commands = command[last] if zero_order_hold else np.interp(grid, time, command)
-    recording = simulate_device_only(device, 1e-3 * interpolate_smoothly(grid, time, length), BAR * commands, dt)
-    outputs = [(recording.format_heading(name), np.interp(time, grid, recording[name])) for name in OUTPUT_CHANNELS]
-    inputs = [("time [s]", time), ("length [mm]", length), ("pressure_command [bar]", command)]
-    options = {"step_s": dt, "zero_order_hold": zero_order_hold}
-    return Recording.from_columns([*inputs, *outputs], {**recording.provenance, "options": options})
+    inputs = validate_inputs(device, 1e-3 * interpolate_smoothly(grid, time, length), BAR * commands, dt)
+    trace = simulate_rollouts(device.parameters, *inputs, dt, n_jobs=1)
+    columns = [
+        ("time [s]", time),
+        ("length [mm]", length),
+        ("pressure_command [bar]", command),
+        ("force [N]", np.interp(time, grid, trace.tension)),
+        ("pressure [bar]", np.interp(time, grid, trace.pressure) / BAR),
+        ("muscle_length [mm]", 1e3 * np.interp(time, grid, trace.length)),
+    ]
+    provenance = {
+        "rig": "bench",
+        "device": {"name": device.name, "sha256": device.digest},
+        "options": {"step_s": dt, "zero_order_hold": zero_order_hold},
+        "versions": collect_versions(),
+    }
+    return Recording.from_columns(columns, provenance)
 
 
 def _read_series(name: str, values: ArrayLike, time: Array) -> Array:
