@@ -76,6 +76,19 @@ def test_other_delay_is_no_matter_of_the_log(simulator: Simulator, delay: float)
     assert not explains_pressures(data, fit_hypothesis(data, extended))
 
 
+@pytest.mark.parametrize(("has_logged_updates", "is_of_log"), [(True, True), (False, False)])
+def test_delay_of_an_assumed_hold_is_short(simulator: Simulator, has_logged_updates: bool, is_of_log: bool) -> None:
+    data, base_fit = fit_delayed(simulator, 1.5e-3)
+    held = [
+        replace(walk, has_zero_order_hold=True, has_logged_updates=has_logged_updates)
+        for walk in data.experiments
+        if isinstance(walk, GaitExperiment)
+    ]
+    extended = add_command_delay(data, base_fit)
+    assert extended is not None
+    assert explains_pressures(data.with_experiments(held), fit_hypothesis(data, extended)) is is_of_log
+
+
 def test_without_repeats_or_a_pressure_nothing_shows_a_delay(simulator: Simulator) -> None:
     data, base_fit = fit_delayed(simulator, 1.5e-3)
     blind = replace(data, noise={name: noise for name, noise in data.noise.items() if name != "pressure"})

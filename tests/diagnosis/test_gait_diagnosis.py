@@ -245,14 +245,14 @@ def test_clean_gait_has_no_missing_effect(clean_dataset: datasets.Dataset) -> No
 
 
 def test_command_that_acts_between_its_samples_misses_nothing(tmp_path: Path) -> None:
-    """A state machine's commands, held for 10 ms, on a log of 5 ms that is 1 ms late."""
+    """A state machine's commands, held for 10 ms, on a log of 5 ms that is 2 ms late."""
     folder = synthetic_gait_dataset.write_dataset(
-        tmp_path / "gait", has_state_machine=True, command_interval=5e-3, command_delay=1e-3
+        tmp_path / "gait", has_state_machine=True, command_interval=5e-3, command_delay=2e-3
     )
     result = ks.diagnose(folder)
     assert result.verdict == "nothing-missing"
     (sentence,) = [reason for reason in result.reasons if "registration" in reason]
-    assert "the pressure command acted 1" in sentence
+    assert "the pressure command acted 2" in sentence
     assert "ms earlier" in sentence
 
 

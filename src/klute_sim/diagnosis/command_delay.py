@@ -28,6 +28,9 @@ DEVIATION = 0.5
 """Standard deviation of the delay, in sampling intervals (assumed: a log is late by up to one sample)."""
 MAX_INTERVALS = 1.4
 """Longest delay of a log, in sampling intervals (assumed: a fit at its bound of 1.5 has another cause)."""
+MAX_HOLD_INTERVALS = 0.25
+"""Longest delay, either way, where a zero-order hold is assumed: a hold with a longer one looks like a smooth command
+with a delay (assumed)."""
 
 
 def add_command_delay(data: WeightedData, base_fit: Fit) -> Hypothesis | None:
@@ -63,7 +66,11 @@ def explains_pressures(data: WeightedData, fit: Fit) -> bool:
     interval = max(e.command_interval for e in data.experiments)
     names = [parameter.name for parameter in fit.hypothesis.parameters]
     n_intervals = 1e-3 * fit.values[names.index(COMMAND_DELAY)] / interval
-    return -MIN_DELAY_SAMPLES < n_intervals < MAX_INTERVALS and not has_pressure_misfit(data, fit)
+    is_assumed_hold = any(e.has_zero_order_hold and not e.has_logged_updates for e in data.experiments)
+    is_of_log = (
+        abs(n_intervals) < MAX_HOLD_INTERVALS if is_assumed_hold else -MIN_DELAY_SAMPLES < n_intervals < MAX_INTERVALS
+    )
+    return is_of_log and not has_pressure_misfit(data, fit)
 
 
 def has_pressure_misfit(data: WeightedData, fit: Fit) -> bool:

@@ -218,6 +218,8 @@ class Experiment(ABC):
     """Whether each command is held until the next sample (zero-order hold); otherwise it is interpolated linearly."""
     command_interval: float = 0.0
     """Sampling interval of the command [s]; 0 where it is known when the command acts."""
+    has_logged_updates: bool = False
+    """Whether the log shows that commands are held; otherwise a zero-order hold is an assumption."""
     has_stepped_command: bool = False
     """Whether each command that changes does so in steps, between which it is constant."""
     noisy_variants: "tuple[Experiment, ...]" = ()

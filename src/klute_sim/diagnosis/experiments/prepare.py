@@ -68,6 +68,7 @@ def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
         variants.append(prepare(replace(trial, prescribed=shifted), use))
     return replace(
         prepare(trial, use),
+        has_logged_updates=shows_hold,
         has_stepped_command=bool(commands) and all(map(changes_in_steps, commands)),
         noisy_variants=tuple(variants),
     )
