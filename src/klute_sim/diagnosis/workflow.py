@@ -27,6 +27,7 @@ from klute_sim.diagnosis.condition_registration import describe_condition_regist
 from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.held_samples import describe_held_samples
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -120,7 +121,7 @@ def _run_workflow(
     experiments, fitted, reasons, problems = select_usable_data(
         dataset, prepare_experiments(dataset, partition), simulator
     )
-    reasons = [*describe_excessive_commands(dataset.trials), *reasons]
+    reasons = [*describe_held_samples(dataset.trials), *describe_excessive_commands(dataset.trials), *reasons]
     if problems:
         return Diagnosis(
             dataset=dataset,

@@ -14,6 +14,7 @@ from klute_sim.device.device import check_accepts_pressure
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.bench import prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
+from klute_sim.diagnosis.experiments.held_samples import drop_held_samples
 from klute_sim.diagnosis.experiments.interpolation import changes_in_steps, shows_updates
 from klute_sim.diagnosis.experiments.mechanism import prepare_mechanism_trial
 from klute_sim.effects import catalogue
@@ -48,6 +49,7 @@ def prepare_experiments(dataset: Dataset, split: Split) -> list[Experiment]:
 
 
 def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
+    trial = drop_held_samples(trial)
     if dataset.mechanism is None:
         prepare_linear = TRIAL_PREPARERS[dataset.rig]
     else:
