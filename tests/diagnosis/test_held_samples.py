@@ -44,9 +44,8 @@ def test_only_readings_count(n_held: int) -> None:
     for name in ("pressure_command", "pressure"):
         unchanged = (trial.prescribed | trial.measured)[name]
         np.testing.assert_array_equal((dropped.prescribed | dropped.measured)[name].value, unchanged.value)
-    sentences = describe_held_samples([trial])
-    assert [sentence.split("'")[1] for sentence in sentences] == ["length", "force"]
-    assert all(f"for {n_held} ms" in sentence for sentence in sentences)
+    (sentence,) = describe_held_samples([trial])
+    assert sentence.endswith(f"'length' (for {n_held} ms), 'force' (for {n_held} ms).")
 
 
 def test_rest_keeps_its_readings() -> None:

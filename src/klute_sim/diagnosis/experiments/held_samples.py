@@ -25,18 +25,17 @@ def drop_held_samples(trial: Trial) -> Trial:
 
 
 def describe_held_samples(trials: Sequence[Trial]) -> list[str]:
-    """Return a sentence for each channel whose samples the log holds in one of ``trials``."""
+    """Return a sentence about the channels whose samples the log holds in one of ``trials``; none without any."""
     periods: dict[str, float] = {}
     for trial in trials:
         for name, series in (*trial.prescribed.items(), *trial.measured.items()):
             n_held = _count_held_samples(name, series)
             if n_held > 1:
                 periods[name] = max(periods.get(name, 0.0), n_held * series.sampling_interval)
-    return [
-        f"The log repeats each reading of '{name}' until the next one, for {1e3 * period:.3g} ms: only new readings "
-        "count."
-        for name, period in periods.items()
-    ]
+    if not periods:
+        return []
+    names = ", ".join(f"'{name}' (for {1e3 * period:.3g} ms)" for name, period in periods.items())
+    return [f"The log repeats each reading of these channels until the next one, and only new ones count: {names}."]
 
 
 def _count_held_samples(name: str, series: TimeSeries) -> int:
