@@ -14,7 +14,7 @@ from klute_sim.device.device import load_device
 from klute_sim.diagnosis import command_interpolation, workflow
 from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
-from klute_sim.diagnosis.experiments.interpolation import changes_in_steps, denoise_command, shows_updates
+from klute_sim.diagnosis.experiments.interpolation import changes_in_steps, shows_updates
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.noise.misfit import Misfit
@@ -63,23 +63,6 @@ SMOOTH = 2e5 + 1e5 * np.sin(np.linspace(0.0, 20.0, 120))
 )
 def test_log_shows_the_updates_of_a_controller(command: np.ndarray, expected: bool) -> None:
     assert shows_updates(TimeSeries(INTERVAL_S * np.arange(len(command)), command)) is expected
-
-
-@pytest.mark.parametrize("n_samples", [2, 3, 4, 10])
-def test_steps_of_a_digital_command_are_no_noise(n_samples: int) -> None:
-    command = TimeSeries(INTERVAL_S * np.arange(120.0 * n_samples), SMOOTH.repeat(n_samples))
-    np.testing.assert_array_equal(denoise_command(command), command.value)
-    uneven = SMOOTH.repeat(np.resize([1, 2], 120))  # 1.5 samples per update
-    uneven_command = TimeSeries(INTERVAL_S * np.arange(float(len(uneven))), uneven)
-    np.testing.assert_array_equal(denoise_command(uneven_command), uneven)
-
-
-def test_noise_in_the_resolution_of_a_log_is_removed() -> None:
-    ramp = np.linspace(1e5, 3e5, 1200)
-    noisy = np.round(ramp + np.random.default_rng(1).normal(0.0, 700.0, 1200), -3)
-    assert np.mean(np.diff(noisy) == 0.0) > 0.25
-    command = TimeSeries(INTERVAL_S * np.arange(1200.0), noisy)
-    assert np.std(denoise_command(command) - ramp) < 0.75 * np.std(noisy - ramp)
 
 
 def test_constant_command_has_no_zero_order_hold() -> None:

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.denoise import (
     MAX_CHANGE_SIGMAS,
     MAX_UNEVEN_CHANGE_SIGMAS,
@@ -12,6 +13,7 @@ from klute_sim.diagnosis.experiments.denoise import (
     denoise,
     estimate_white_noise,
 )
+from klute_sim.diagnosis.experiments.interpolation import denoise_command
 
 TIME = np.arange(1200) * 0.005
 
@@ -106,3 +108,23 @@ def test_noise_free_and_short_signals_are_unchanged() -> None:
     short = value[: 2 * WINDOW_SIZES[0] - 1]
     assert denoise(TIME[: len(short)], short) is short
     assert estimate_white_noise(TIME[:3], value[:3]) == 0.0
+
+
+UPDATES = 2e5 + 1e5 * np.sin(np.linspace(0.0, 20.0, 120))
+
+
+@pytest.mark.parametrize("n_samples", [2, 3, 4, 10])
+def test_steps_of_a_digital_command_are_no_noise(n_samples: int) -> None:
+    command = TimeSeries(0.005 * np.arange(120.0 * n_samples), UPDATES.repeat(n_samples))
+    np.testing.assert_array_equal(denoise_command(command), command.value)
+    uneven = UPDATES.repeat(np.resize([1, 2], 120))  # 1.5 samples per update
+    uneven_command = TimeSeries(0.005 * np.arange(float(len(uneven))), uneven)
+    np.testing.assert_array_equal(denoise_command(uneven_command), uneven)
+
+
+def test_noise_in_the_resolution_of_a_log_is_removed() -> None:
+    ramp = np.linspace(1e5, 3e5, 1200)
+    noisy = np.round(ramp + np.random.default_rng(1).normal(0.0, 700.0, 1200), -3)
+    assert np.mean(np.diff(noisy) == 0.0) > 0.25
+    command = TimeSeries(0.005 * np.arange(1200.0), noisy)
+    assert np.std(denoise_command(command) - ramp) < 0.75 * np.std(noisy - ramp)

@@ -28,9 +28,10 @@ MIN_REGULAR_FRACTION = 0.5
 MIN_CHANGE_SIZES = 4
 """Smallest number of different changes of a command that show updates (assumed). A slow ramp in the resolution of the
 log changes by the resolution alone, and a switched command by one step."""
-MIN_REPEATED_FRACTION, MIN_REPEATED_SIZES = 0.3, 8
-"""Smallest fraction of samples that equal the one before, and smallest number of different changes, in a command that a
-digital controller holds (assumed: noise that leaves as many samples equal has changes of a few digits only)."""
+MIN_REPEATED_FRACTION, MIN_CONTINUED_FRACTION = 0.3, 0.8
+"""Smallest fraction of samples that equal the one before, and smallest fraction of changes in the direction of the
+change before, in a smooth command that a digital controller holds (assumed: in the last digits of measured pressures,
+up to 0.4 of the samples are equal, and 0.5 to 0.8 of the changes go on)."""
 MIN_STEP_FRACTION, MAX_REST_FRACTION = 0.02, 0.05
 """Smallest step of a command, and largest change beside its steps, over its range (assumed: a measured command has
 noise)."""
@@ -96,11 +97,13 @@ def denoise_command(command: TimeSeries) -> Array:
 
 def repeats_samples(command: TimeSeries) -> bool:
     """Return whether ``command`` has the steps of a digital controller: values held for one or a few samples."""
-    difference = np.abs(np.diff(command.value))
-    changes = difference[difference > 0.0]
+    if shows_updates(command):
+        return True
+    difference = np.diff(command.value)
+    changes = difference[difference != 0.0]
     if len(changes) < MIN_UPDATES or np.mean(difference == 0.0) < MIN_REPEATED_FRACTION:
         return False
-    return len(np.unique(np.round(changes / changes.min(), 3))) >= MIN_REPEATED_SIZES
+    return bool(np.mean(changes[1:] * changes[:-1] > 0.0) >= MIN_CONTINUED_FRACTION)
 
 
 def shows_updates(command: TimeSeries) -> bool:
