@@ -1,0 +1,79 @@
+"""Clean data of digital controllers and slow instruments, end to end: nothing is missing."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import klute_sim as ks
+from klute_sim.datasets.write import write_trial
+
+DEVICE = "klute-1-1-4-pair"
+STEP_S, DURATION_S = 1e-3, 10.0
+NOISE = {"force": 4.0, "pressure": 0.01, "muscle_length": 0.05}
+USES = {"fit_1": "fit", "fit_2": "fit", "fit_3": "fit", "validation_1": "validation", "test_1": "test"}
+
+pytestmark = pytest.mark.slow
+
+
+def hold(values: np.ndarray, n_held: int) -> np.ndarray:
+    return values[::n_held].repeat(n_held)[: len(values)]
+
+
+def write_clean_dataset(
+    folder: Path, *, command_held: int = 1, log_interval: int = 1, late: int = 0, length_held: int = 1
+) -> Path:
+    """Write clean bench data; all numbers are in steps of 1 ms.
+
+    A command is held for ``command_held``, its log is ``late``, every ``log_interval`` there is a row, and the length
+    has a new reading every ``length_held``.
+    """
+    folder.mkdir()
+    lines = ['format = "klute-sim-dataset/2"', 'rig = "bench"', f'device = "{DEVICE}"', "", "[uncertain]"]
+    lines += ['"muscle.c10_kpa" = "10 %"', '"muscle.friction_slope_n_per_bar" = "10 %"']
+    time, noise = np.arange(0.0, DURATION_S, STEP_S), np.random.default_rng(0)
+    for seed, (group, use) in enumerate(USES.items()):
+        rng = np.random.default_rng(seed)
+
+        def draw_sines(highest_hz: float, n: int, rng: np.random.Generator = rng) -> np.ndarray:
+            rates = 2.0 * np.pi * rng.uniform(0.15, highest_hz, n)
+            return np.sum([np.sin(rate * time + rng.uniform(0.0, 6.28)) for rate in rates], axis=0) * np.clip(
+                time, 0, 1
+            )
+
+        length, command = 343.0 + 4.0 * draw_sines(1.2, 4), hold(2.2 + 0.55 * draw_sines(1.2, 3), command_held)
+        response = ks.simulate_response(DEVICE, time, length, command, zero_order_hold=command_held > 1, time_step=1e-4)
+        log = np.r_[np.full(late, command[0]), command][: len(command)]
+        for repeat in "ab":
+            columns = {
+                "time [s]": time,
+                "length [mm]": hold(length, length_held),
+                "pressure_command [bar]": log,
+                **{
+                    response.format_heading(name): response[name] + deviation * noise.normal(size=len(time))
+                    for name, deviation in NOISE.items()
+                },
+            }
+            write_trial(folder / f"{group}_{repeat}.csv", {name: v[::log_interval] for name, v in columns.items()})
+            lines += ["", "[[trial]]", f'files = ["{group}_{repeat}.csv"]', f'group = "{group}"', f'use = "{use}"']
+    (folder / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
+    return folder
+
+
+def test_command_that_a_controller_holds_for_two_samples(tmp_path: Path) -> None:
+    result = ks.diagnose(write_clean_dataset(tmp_path / "data", command_held=10, log_interval=5))
+    assert result.verdict == "nothing-missing", result.reasons
+
+
+def test_log_that_is_a_sample_late(tmp_path: Path) -> None:
+    result = ks.diagnose(write_clean_dataset(tmp_path / "data", command_held=10, log_interval=5, late=1))
+    assert result.verdict == "nothing-missing", result.reasons
+    (delay,) = re.findall(r"the pressure command acted ([\d.]+) \[.*\] ms earlier", " ".join(result.reasons))
+    assert float(delay) == pytest.approx(5.0, abs=0.6)
+
+
+def test_length_that_the_log_repeats(tmp_path: Path) -> None:
+    result = ks.diagnose(write_clean_dataset(tmp_path / "data", length_held=10))
+    assert result.verdict == "nothing-missing", result.reasons
+    assert any("'length' (for 10 ms)" in reason for reason in result.reasons)
