@@ -14,7 +14,7 @@ import numpy as np
 from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.registration import COMMAND_DELAY
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
 from klute_sim.diagnosis.selection.naming import MIN_DELAY_SAMPLES
@@ -34,10 +34,11 @@ with a delay (assumed)."""
 
 
 def add_command_delay(data: WeightedData, base_fit: Fit) -> Hypothesis | None:
-    """Return the hypothesis of ``base_fit`` with a delay of the command; None where no pressure shows one.
+    """Return the hypothesis of ``base_fit`` with a delay of the command's log; None where no pressure shows one.
 
-    ``base_fit`` has no added effects. The gain follows by one linear step from the pressures alone, which depend on
-    nothing else but the supply. Without repeats, nothing tells whether the delay explains the pressures.
+    ``base_fit`` has no added effects. The pressures alone decide, because effects that are still missing move the delay
+    that a fit of all channels finds. Of the uncertain numbers, only those of the supply matter to them. Without
+    repeats, nothing tells whether the delay explains the pressures.
     """
     interval = max(e.command_interval for e in data.experiments)
     pressures = replace(data, noise={n: noise for n, noise in data.noise.items() if _is_pressure(n)}, cache=None)
@@ -57,8 +58,11 @@ def add_command_delay(data: WeightedData, base_fit: Fit) -> Hypothesis | None:
     if not (math.isfinite(curvature) and curvature > 0.0):  # a constant command, or a simulation that diverges
         return None
     slope = float(residuals @ derivative)
-    bic_fall = slope * slope / curvature - math.log(pressures.n_effective)
-    return extended if bic_fall > MIN_BIC_FALL else None
+    if slope * slope / curvature - math.log(pressures.n_effective) <= MIN_BIC_FALL:
+        return None
+    supply = tuple(row for row in hypothesis.uncertainties if row[0].rpartition("/")[2].startswith("supply."))
+    shifted = replace(extended, uncertainties=supply, registration=(added,))
+    return extended if explains_pressures(pressures, fit_hypothesis(pressures, shifted)) else None
 
 
 def explains_pressures(data: WeightedData, fit: Fit) -> bool:

@@ -15,7 +15,7 @@ from klute_sim.datasets.dataset import Dataset, split_dataset
 from klute_sim.datasets.split import Split
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.absent_effect import remove_absent_effects
-from klute_sim.diagnosis.command_delay import add_command_delay, explains_pressures
+from klute_sim.diagnosis.command_delay import add_command_delay
 from klute_sim.diagnosis.command_interpolation import (
     Outcome,
     Preparation,
@@ -355,10 +355,7 @@ def fit_base_device(
     nominal = Hypothesis(dataset.device, uncertainties, (), (), registration, mechanism_numbers)
     fit, data = _fit_with_noise(nominal, experiments, simulator, cache)
     extended = add_command_delay(data, fit)
-    if extended is None:
-        return fit, data
-    corrected_fit, corrected_data = _fit_with_noise(extended, experiments, simulator, cache)
-    return (corrected_fit, corrected_data) if explains_pressures(corrected_data, corrected_fit) else (fit, data)
+    return (fit, data) if extended is None else _fit_with_noise(extended, experiments, simulator, cache)
 
 
 def _fit_with_noise(
