@@ -22,12 +22,12 @@ from klute_sim.diagnosis.selection.naming import MIN_DELAY_SAMPLES
 MIN_BIC_FALL = 10.0
 """Smallest fall of the Bayesian information criterion by which pressures show a delay: very strong evidence after Kass
 and Raftery (1995), J. Am. Stat. Assoc. 90, 773-795."""
-PERTURBATION = 0.1
-"""Delay whose influence is simulated, in sampling intervals."""
-DEVIATION = 0.5
-"""Standard deviation of the delay, in sampling intervals (assumed: a log is late by up to one sample)."""
+PERTURBATION_INTERVALS = 0.1
+"""Delay whose influence on the pressures is simulated."""
+DEVIATION_INTERVALS = 0.5
+"""Standard deviation of the delay (assumed: a log is late by up to one sample)."""
 MAX_INTERVALS = 1.4
-"""Longest delay of a log, in sampling intervals (assumed: a fit at its bound of 1.5 has another cause)."""
+"""Longest delay of a log (assumed: a fit at its bound of 1.5 has another cause)."""
 MAX_HOLD_INTERVALS = 0.25
 """Longest delay, either way, where a zero-order hold is assumed: a hold with a longer one looks like a smooth command
 with a delay (assumed)."""
@@ -45,11 +45,11 @@ def add_command_delay(data: WeightedData, base_fit: Fit) -> Hypothesis | None:
     if not (interval and pressures.noise and has_repeats(data.experiments)):
         return None
     hypothesis = base_fit.hypothesis
-    added = (COMMAND_DELAY, 1e3 * DEVIATION * interval)
+    added = (COMMAND_DELAY, 1e3 * DEVIATION_INTERVALS * interval)
     extended = replace(hypothesis, registration=(*hypothesis.registration, added))
     start = np.insert(base_fit.x, hypothesis.n_prior_parameters, 0.0)
     end = start.copy()
-    end[hypothesis.n_prior_parameters] = PERTURBATION / DEVIATION
+    end[hypothesis.n_prior_parameters] = PERTURBATION_INTERVALS / DEVIATION_INTERVALS
     (changes,) = data.compute_changes(
         extended.build_setups(start, data.experiments), [extended.build_setups(end, data.experiments)]
     )
