@@ -2,8 +2,8 @@
 
 A force plate, markers and a prosthesis are three systems of coordinates, each known to a few millimetres, and two
 clocks. Small errors between them move the moment about the ankle in every stride alike, so they are fitted with their
-usual size as a prior before any effect is named. So is the delay of a command on any rig, where the pressures show one
-that is shorter than its sampling interval (:mod:`klute_sim.diagnosis.command_delay`).
+usual size as a prior before any effect is named. So is the delay of a command's log on any rig, where the pressures
+show one of up to about a sampling interval (:mod:`klute_sim.diagnosis.command_delay`).
 """
 
 import math
