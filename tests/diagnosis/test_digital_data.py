@@ -1,10 +1,12 @@
-"""Clean data of digital controllers and slow instruments, end to end: nothing is missing."""
+"""Clean data of digital controllers, slow instruments, filters and a hum, end to end: nothing is missing."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
 import klute_sim as ks
 from klute_sim.datasets.write import write_trial
@@ -22,12 +24,18 @@ def hold(values: np.ndarray, n_held: int) -> np.ndarray:
 
 
 def write_clean_dataset(
-    folder: Path, *, command_held: int = 1, log_interval: int = 1, late: int = 0, length_held: int = 1
+    folder: Path,
+    *,
+    command_held: int = 1,
+    log_interval: int = 1,
+    late: int = 0,
+    length_held: int = 1,
+    change: Callable[[np.ndarray, np.random.Generator], np.ndarray] = lambda values, rng: values,
 ) -> Path:
     """Write clean bench data; all numbers are in steps of 1 ms.
 
     A command is held for ``command_held``, its log is ``late``, every ``log_interval`` there is a row, and the length
-    has a new reading every ``length_held``.
+    has a new reading every ``length_held``. ``change`` is applied to each measured channel with its noise.
     """
     folder.mkdir()
     lines = ['format = "klute-sim-dataset/2"', 'rig = "bench"', f'device = "{DEVICE}"', "", "[uncertain]"]
@@ -51,7 +59,9 @@ def write_clean_dataset(
                 "length [mm]": hold(length, length_held),
                 "pressure_command [bar]": log,
                 **{
-                    response.format_heading(name): response[name] + deviation * noise.normal(size=len(time))
+                    response.format_heading(name): change(
+                        response[name] + deviation * noise.normal(size=len(time)), noise
+                    )
                     for name, deviation in NOISE.items()
                 },
             }
@@ -77,3 +87,27 @@ def test_length_that_the_log_repeats(tmp_path: Path) -> None:
     result = ks.diagnose(write_clean_dataset(tmp_path / "data", length_held=10))
     assert result.verdict == "nothing-missing", result.reasons
     assert any("'length' (for 10 ms)" in reason for reason in result.reasons)
+
+
+def test_hum_of_the_mains(tmp_path: Path) -> None:
+    time = np.arange(0.0, DURATION_S, STEP_S)
+
+    def add_hum(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        size = 1e-3 * np.ptp(values)
+        return values + size * np.sin(2.0 * np.pi * 50.0 * time + rng.uniform(0.0, 6.28))
+
+    result = ks.diagnose(write_clean_dataset(tmp_path / "data", log_interval=2, change=add_hum))
+    assert result.verdict == "nothing-missing", result.reasons
+    assert any("N at 50 Hz" in reason for reason in result.reasons)
+
+
+@pytest.mark.parametrize("cutoff_hz", [6.0, 20.0])
+def test_low_pass_filter(tmp_path: Path, cutoff_hz: float) -> None:
+    sections = butter(2, cutoff_hz * STEP_S * 2.0, output="sos")
+    filtered = write_clean_dataset(
+        tmp_path / "data", log_interval=2, change=lambda values, rng: sosfiltfilt(sections, values)
+    )
+    result = ks.diagnose(filtered)
+    assert result.verdict == "nothing-missing", result.reasons
+    (found,) = re.findall(r"'force' \(([\d.]+) Hz\)", " ".join(result.reasons))
+    assert float(found) == pytest.approx(cutoff_hz, rel=0.1)

@@ -28,6 +28,8 @@ from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.held_samples import describe_held_samples
+from klute_sim.diagnosis.experiments.low_pass import describe_low_pass_filters
+from klute_sim.diagnosis.experiments.mains_hum import describe_mains_hum
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -121,7 +123,14 @@ def _run_workflow(
     experiments, fitted, reasons, problems = select_usable_data(
         dataset, prepare_experiments(dataset, partition), simulator
     )
-    reasons = [*describe_held_samples(dataset.trials), *describe_excessive_commands(dataset.trials), *reasons]
+    filters = dict(item for e in experiments for item in e.filters.items())
+    reasons = [
+        *describe_held_samples(dataset.trials),
+        *describe_mains_hum(dataset.trials),
+        *describe_low_pass_filters(filters),
+        *describe_excessive_commands(dataset.trials),
+        *reasons,
+    ]
     if problems:
         return Diagnosis(
             dataset=dataset,

@@ -78,6 +78,8 @@ def observe(setup: SimulationSetup, experiment: Experiment, response: DeviceResp
             if sensor.channel == channel:
                 form = get_effects()[sensor.effect].forms[0]
                 value = form.laws["reading"](form.parameter_type(*sensor.parameters), response.time, value)
+        if channel in experiment.filters:
+            value = experiment.filters[channel].apply(response.time, value)
         samples = np.interp(series.time, response.time, value)
         quantizer = experiment.quantizers.get(channel)
         reading = samples if quantizer is None else quantizer.quantize(samples)
