@@ -28,9 +28,9 @@ from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.held_samples import describe_held_samples
-from klute_sim.diagnosis.experiments.low_pass import describe_low_pass_filters
 from klute_sim.diagnosis.experiments.mains_hum import describe_mains_hum
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.quantized_motion import describe_quantized_motions
 from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.final_model import (
@@ -55,6 +55,7 @@ from klute_sim.diagnosis.imperfect_law import (
 from klute_sim.diagnosis.localization.misfit_map import map_misfit
 from klute_sim.diagnosis.localization.misfit_regions import locate_misfit
 from klute_sim.diagnosis.noise import repeats
+from klute_sim.diagnosis.noise.filtered_noise import add_low_pass_filters, describe_low_pass_filters
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.p_value import compute_p_value
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
@@ -123,11 +124,10 @@ def _run_workflow(
     experiments, fitted, reasons, problems = select_usable_data(
         dataset, prepare_experiments(dataset, partition), simulator
     )
-    filters = dict(item for e in experiments for item in e.filters.items())
     reasons = [
         *describe_held_samples(dataset.trials),
         *describe_mains_hum(dataset.trials),
-        *describe_low_pass_filters(filters),
+        *describe_quantized_motions(dataset.trials),
         *describe_excessive_commands(dataset.trials),
         *reasons,
     ]
@@ -142,6 +142,10 @@ def _run_workflow(
 
     quantizers: dict[str, Quantizer] = {}
     if data_quality.has_repeats(fitted):
+        if dataset.rig != "gait":  # strides differ by more than noise
+            experiments, filters = add_low_pass_filters(experiments, fitted, simulator)
+            fitted = [e for e in experiments if e.use == "fit" and e.measured]
+            reasons += describe_low_pass_filters(filters)
         experiments, quantizers = detect_quantizers(experiments, fitted, simulator)
     progress(0.1, "fitting the device without added effects")
 

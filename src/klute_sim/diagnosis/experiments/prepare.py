@@ -16,9 +16,9 @@ from klute_sim.diagnosis.experiments.bench import prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
 from klute_sim.diagnosis.experiments.held_samples import drop_held_samples
 from klute_sim.diagnosis.experiments.interpolation import changes_in_steps, shows_updates
-from klute_sim.diagnosis.experiments.low_pass import LowPassFilter, detect_low_pass_filters
 from klute_sim.diagnosis.experiments.mains_hum import remove_mains_hum
 from klute_sim.diagnosis.experiments.mechanism import prepare_mechanism_trial
+from klute_sim.diagnosis.experiments.quantized_motion import smooth_quantized_motions
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 
@@ -46,14 +46,12 @@ def prepare_experiments(dataset: Dataset, split: Split) -> list[Experiment]:
     uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")
     uses |= dict.fromkeys(split.validation, "validation")
     uses |= dict.fromkeys(split.test, "test")
-    trials = [remove_mains_hum(drop_held_samples(trial)) for trial in dataset.trials]
-    # Strides differ by more than noise, so their differences show no filter.
-    filters = {} if dataset.rig == "gait" else detect_low_pass_filters([t for t in trials if uses[t.name] != "test"])
-    experiments = [_prepare_trial(trial, uses[trial.name], dataset, filters) for trial in trials]
+    trials = [smooth_quantized_motions(remove_mains_hum(drop_held_samples(trial))) for trial in dataset.trials]
+    experiments = [_prepare_trial(trial, uses[trial.name], dataset) for trial in trials]
     return [e.with_repeats([other for other in experiments if other.group == e.group]) for e in experiments]
 
 
-def _prepare_trial(trial: Trial, use: Use, dataset: Dataset, filters: Mapping[str, LowPassFilter]) -> Experiment:
+def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
     if dataset.mechanism is None:
         prepare_linear = TRIAL_PREPARERS[dataset.rig]
     else:
@@ -65,8 +63,6 @@ def _prepare_trial(trial: Trial, use: Use, dataset: Dataset, filters: Mapping[st
 
     def prepare(trial: Trial, use: Use) -> Experiment:
         experiment = prepare_linear(trial, use)
-        measured = {n: filters[n].trim_ends(s) if n in filters else s for n, s in experiment.measured.items()}
-        experiment = replace(experiment, filters=filters, measured=measured)
         return (experiment.zero_order_hold_variant or experiment) if shows_hold else experiment
 
     variants = []

@@ -170,7 +170,7 @@ def _compute_stated_variances(
         setup = SimulationSetup(e.device.parameters)
         # The variants were prepared before samples were left out, and a shifted load changes which samples count.
         variants = [
-            replace(variant, measured=e.measured, quantizers=e.quantizers, limits=e.limits)
+            replace(variant, measured=e.measured, quantizers=e.quantizers, filters=e.filters, limits=e.limits)
             for variant in e.noisy_variants
         ]
         readings = [_simulate_variant(setup, variant, simulator) for variant in variants]
