@@ -1,9 +1,15 @@
-"""Registration of walks that differs between conditions: other plates, or markers that were placed anew."""
+"""Registration that differs between conditions: other plates, markers or specimens mounted anew, zeros set anew.
 
-from collections.abc import Iterable, Sequence
+It is told, and not corrected: an effect of what is constant within each condition, as of its pressure, looks alike.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from klute_sim.datasets.unit_conversion import get_conversion_factor
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.experiments.bench import LENGTH_PERTURBATION, BenchExperiment
 from klute_sim.diagnosis.experiments.registration import COMMAND_DELAY, REGISTRATION_WORDS
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
@@ -15,6 +21,14 @@ MIN_REGISTRATION_SHARE = 0.6
 (assumed: in four walks with other causes it took 0.00 to 0.13, in one with different plates 0.95)."""
 MIN_SPREAD_SIGMAS = 1.0
 """Smallest difference between two conditions, in standard deviations of the number (assumed)."""
+MIN_ZERO_SHARE = 0.8
+"""Smallest share of the misfit that zeros of their own must take to be reported (assumed)."""
+MIN_ZERO_GAIN = 10.0
+"""Smallest fall of chi squared by each zero; noise makes each fall by about 1."""
+MIN_CONDITIONS = 3
+"""Fewest conditions whose zeros tell anything (assumed): two zeros take most of any error of the force."""
+LENGTH = "length"
+"""Length that a bench prescribes."""
 
 
 def describe_condition_registration(data: WeightedData, base_fit: Fit) -> list[str]:
@@ -29,7 +43,13 @@ def describe_condition_registration(data: WeightedData, base_fit: Fit) -> list[s
     misfit = base_fit.chi2 - data.n_effective
     if len(groups) < 2 or misfit <= 0.0 or not deviations:
         return []
-    rows = [(name, *_fit_each_condition(data, base_fit, names.index(name), groups.values())) for name in deviations]
+    rows = []
+    for name in deviations:
+        index = names.index(name)
+        others = np.delete(base_fit.jacobian, index, axis=1)
+        changes, chi2 = _fit_each_condition(data, base_fit, others, base_fit.jacobian[:, index], groups.values())
+        parameter = base_fit.hypothesis.parameters[index]
+        rows.append((name, [parameter.denormalize(float(base_fit.x[index] + change)) for change in changes], chi2))
     name, values, chi2 = min(rows, key=lambda row: row[2])
     share = (base_fit.chi2 - chi2) / misfit
     if share < MIN_REGISTRATION_SHARE or np.ptp(values) < MIN_SPREAD_SIGMAS * deviations[name]:
@@ -46,30 +66,78 @@ def describe_condition_registration(data: WeightedData, base_fit: Fit) -> list[s
     ]
 
 
-def _fit_each_condition(
-    data: WeightedData, fit: Fit, index: int, conditions: Iterable[Sequence[int]]
-) -> tuple[Array, float]:
-    """Return parameter ``index`` of ``fit`` in each of ``conditions``, in its unit, and chi squared.
+def describe_condition_zeros(data: WeightedData, base_fit: Fit) -> list[str]:
+    """Return a sentence if the zero of one channel, fitted in each condition, explains most of the misfit.
 
-    Conditions are indices of trials. All other parameters are the same in all conditions.
+    ``base_fit`` has no added effects. Channels are the measured ones, and the length that a bench prescribes.
     """
-    jacobian, residuals = fit.jacobian, fit.weighted_residuals
+    groups = group_repeats(data.experiments)
+    misfit = base_fit.chi2 - data.n_effective
+    if len(groups) < MIN_CONDITIONS or misfit <= 0.0 or base_fit.has_diverged:
+        return []
+    rows = []
+    for channel, column in _list_zero_columns(data, base_fit).items():
+        changes, chi2 = _fit_each_condition(data, base_fit, base_fit.jacobian, column, groups.values())
+        rows.append((channel, changes, chi2))
+    channel, changes, chi2 = min(rows, key=lambda row: row[2])
+    gain = base_fit.chi2 - chi2
+    share = gain / misfit
+    if share < MIN_ZERO_SHARE or gain < MIN_ZERO_GAIN * len(groups):
+        return []
+    unit = "mm" if channel == LENGTH else CHANNEL_UNITS[channel][0]
+    factor = get_conversion_factor("mm", "m") if channel == LENGTH else CHANNEL_UNITS[channel][1]
+    errors = [
+        f"{-change / (factor or 1.0):+.2g} {unit} in '{group}'" for group, change in zip(groups, changes, strict=True)
+    ]
+    return [
+        f"A zero of '{channel}' of its own in each condition would take {100.0 * min(share, 1.0):.0f} % of the misfit: "
+        f"it reads {', '.join(errors)}. Was it set anew between conditions? Then correct each zero by a calibration. "
+        "Else look for an error that depends on what is constant within a condition."
+    ]
+
+
+def _list_zero_columns(data: WeightedData, fit: Fit) -> Mapping[str, Array]:
+    """Return channel -> derivative of the weighted residuals by a correction of its reading [1/SI], (residuals,)."""
+    n_priors = fit.hypothesis.n_prior_parameters
+    columns = {}
+    for channel in data.noise:
+        ones = [
+            {c: np.full(len(series.time), float(c == channel)) for c, series in e.measured.items()}
+            for e in data.experiments
+        ]
+        columns[channel] = np.concatenate([data.weight_residuals(ones), np.zeros(n_priors)])
+    if all(isinstance(e, BenchExperiment) for e in data.experiments):
+        moved = data.with_experiments([e.perturb_inputs(lambda command: command)[1] for e in data.experiments])
+        before, after = (
+            each.weight_residuals(each.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)[0])
+            for each in (data, moved)
+        )
+        if np.isfinite(after).all():
+            columns[LENGTH] = np.concatenate([(after - before) / LENGTH_PERTURBATION, np.zeros(n_priors)])
+    return columns
+
+
+def _fit_each_condition(
+    data: WeightedData, fit: Fit, others: Array, column: Array, conditions: Iterable[Sequence[int]]
+) -> tuple[Array, float]:
+    """Return the change of one parameter in each of ``conditions``, (conditions,), and chi squared.
+
+    Conditions are indices of trials. ``column`` holds the derivatives of the weighted residuals by the parameter, and
+    ``others`` those by the parameters that all conditions share, (residuals, parameters).
+    """
     sizes = [
         sum(len(e.measured[channel].time) for channel in weights)
         for e, weights in zip(data.experiments, data.weights, strict=True)
     ]
     ends = np.cumsum(sizes)
-    starts = ends - sizes
     own = []
     for members in conditions:
-        column = np.zeros(len(jacobian))
+        part = np.zeros(len(column))
         for trial in members:
-            rows = slice(starts[trial], ends[trial])
-            column[rows] = jacobian[rows, index]
-        own.append(column)
-    columns = np.column_stack([np.delete(jacobian, index, axis=1), *own])
-    step = np.linalg.lstsq(columns, -residuals)[0]
-    left = residuals + columns @ step
-    parameter = fit.hypothesis.parameters[index]
-    values = [parameter.denormalize(float(fit.x[index] + change)) for change in step[-len(own) :]]
-    return np.array(values), float(left @ left)
+            rows = slice(ends[trial] - sizes[trial], ends[trial])
+            part[rows] = column[rows]
+        own.append(part)
+    columns = np.column_stack([others, *own])
+    step = np.linalg.lstsq(columns, -fit.weighted_residuals)[0]
+    left = fit.weighted_residuals + columns @ step
+    return np.asarray(step[-len(own) :]), float(left @ left)

@@ -23,7 +23,7 @@ from klute_sim.diagnosis.command_interpolation import (
     reconsider_linear_interpolation,
     select_command_interpolation,
 )
-from klute_sim.diagnosis.condition_registration import describe_condition_registration
+from klute_sim.diagnosis.condition_registration import describe_condition_registration, describe_condition_zeros
 from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import Experiment
@@ -178,6 +178,8 @@ def _run_workflow(
     )
     if selected.verdict != "nothing-missing":
         reasons += describe_condition_registration(data, base_fit)
+    if selected.verdict == "unexplained":
+        reasons += describe_condition_zeros(data, base_fit)
     reasons += filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
     reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit)]
     reasons += describe_mounting_error(fit) if dataset.rig == "gait" else []
