@@ -22,7 +22,7 @@ from benchmarks.hidden_effects.catalogue import (
 from benchmarks.hidden_effects.device import load_device
 from benchmarks.hidden_effects.imperfect import draw_law_error
 from benchmarks.hidden_effects.out_of_catalogue import OUT_OF_CATALOGUE_FORMS
-from benchmarks.hidden_effects.set_up import LOGGINGS, draw_number_error, draw_registration
+from benchmarks.hidden_effects.set_up import LATER_LOGGINGS, LOGGINGS, draw_number_error, draw_registration
 
 BLOCK_SIZES = {
     "clean": 120,
@@ -40,7 +40,7 @@ BLOCK_SIZES = {
     "imperfect": 60,
     "faint_outside": 24,
     "wrong_number": 48,
-    "logging": 20,
+    "logging": 40,
     "walk_registration": 20,
     "joint": 48,
     "joint_clean": 40,
@@ -117,6 +117,8 @@ GAIT_CASES: tuple[tuple[str, str, str | None], ...] = (
 """Hidden cases in gait: effects of the body, some of the device and of instruments."""
 FIRST_GAIT_DATASETS = 3 * len(GAIT_CASES)
 """Number of walks with :data:`GAIT_CASES`, each at every size. Cases that came later follow: no dataset changes."""
+FIRST_LOGGING_DATASETS = 20
+"""Number of logs as in :data:`~benchmarks.hidden_effects.set_up.LOGGINGS`. Others follow: no dataset changes."""
 SOCKET_HEIGHTS_MM = (250.0, 400.0)
 """Range of the height of the centre about which a socket tilts, above the ankle [mm]: from one end of a socket to the
 other."""
@@ -298,7 +300,10 @@ def _block_content(block: str, index: int, rng: np.random.Generator | None) -> D
             effect = draw_effect(EFFECTS, key, rng, (2.0, 8.0)[(turn + position) % 2])
             return {"effects": [effect], "known": [KNOWN_VALVE]}
         case "logging":
-            return {"logging": LOGGINGS[index % len(LOGGINGS)]}
+            later = index - FIRST_LOGGING_DATASETS
+            return {
+                "logging": LOGGINGS[index % len(LOGGINGS)] if later < 0 else LATER_LOGGINGS[later % len(LATER_LOGGINGS)]
+            }
         case "adversary":
             return draw_case(index, rng or np.random.default_rng(index))
         case "walk_registration":

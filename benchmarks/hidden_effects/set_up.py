@@ -1,4 +1,4 @@
-"""Errors of a set-up, of the size that every laboratory has: wrong numbers, slow logs, trials begun in motion.
+"""Errors of a set-up, of the size that every laboratory has: wrong numbers, slow logs, a hum, trials begun in motion.
 
 None of them is a missing effect. Numbers of the device are to be reported as wrong numbers; the others change nothing
 that is missing in the model.
@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
 Table = dict[str, np.ndarray]
 
@@ -41,6 +42,18 @@ LOGGINGS: tuple[dict[str, Any], ...] = (
 )
 """How the log differs (assumed): divisor of the sampling rate of 200 Hz, time that is cut from the start so that a
 trial begins in motion, or noise of one repeat over that of the others."""
+LATER_LOGGINGS: tuple[dict[str, Any], ...] = (
+    {"hum": 1.0},
+    {"cutoff_hz": 10.0},
+    {"length_step_mm": 0.05},
+    {"length_samples": 4},
+    {"command_samples": 1},
+)
+"""How other logs differ (assumed): amplitude of a hum of 50 Hz over the noise of each measured channel; cut-off
+frequency of a low-pass filter of second order, forward and backward, of these channels; resolution of the length;
+samples for which the log repeats each reading of the length; or samples by which the log of the command is late."""
+MAINS_FREQUENCY_HZ, SAMPLING_RATE_HZ = 50.0, 200.0
+"""Frequency of a hum, and sampling rate of a log."""
 REGISTRATIONS: tuple[dict[str, tuple[str, float]], ...] = (
     {"grf_vertical": ("gain", 0.01), "grf_forward": ("gain", 0.01)},
     {"cop_x": ("offset", 5e-3)},
@@ -85,10 +98,35 @@ def change_log(
         factor = np.sqrt(logging["noisy_repeat"] ** 2 - 1.0)
         for name in table.keys() & noise.keys():
             table[name] = table[name] + factor * noise[name] * rng.normal(size=len(table[name]))
+    for table in changed.values():
+        _change_table(rng, table, noise, logging)
     for file, table in changed.items():
-        start = round(200.0 * logging.get("start_s", 0.0))
+        start = round(SAMPLING_RATE_HZ * logging.get("start_s", 0.0))
         changed[file] = {name: values[start :: logging.get("decimation", 1)] for name, values in table.items()}
     return changed
+
+
+def _change_table(
+    rng: np.random.Generator, table: Table, noise: Mapping[str, float], logging: Mapping[str, Any]
+) -> None:
+    """Change ``table`` as one of :data:`LATER_LOGGINGS` stores it, in place."""
+    measured = sorted(table.keys() & noise.keys())
+    if "hum" in logging:
+        wave = np.sin(2.0 * np.pi * (MAINS_FREQUENCY_HZ * table["time"] + rng.uniform()))
+        for name in measured:
+            table[name] = table[name] + logging["hum"] * noise[name] * wave
+    if "cutoff_hz" in logging:
+        sections = butter(2, logging["cutoff_hz"], fs=SAMPLING_RATE_HZ, output="sos")
+        for name in measured:
+            table[name] = sosfiltfilt(sections, table[name])
+    if "length_step_mm" in logging:
+        table["length"] = logging["length_step_mm"] * np.round(table["length"] / logging["length_step_mm"])
+    if "length_samples" in logging:
+        n_held = logging["length_samples"]
+        table["length"] = table["length"][::n_held].repeat(n_held)[: len(table["length"])]
+    if "command_samples" in logging:
+        n_late, command = logging["command_samples"], table["pressure_command"]
+        table["pressure_command"] = np.r_[np.full(n_late, command[0]), command[:-n_late]]
 
 
 def list_numbers(errors: Sequence[Mapping[str, Any]]) -> dict[str, float]:

@@ -323,6 +323,34 @@ def test_logs_are_slow_begin_late_or_have_a_noisy_repeat(
     assert (rms(logged[:, 3] - common[:, 3]) > 0.0) == (index == 2)
 
 
+def test_later_logs_have_a_hum_a_filter_steps_repeated_readings_or_a_late_command(tmp_path: Path) -> None:
+    first = plan.FIRST_LOGGING_DATASETS
+    specs = plan.plan_datasets("logging", first + len(set_up.LATER_LOGGINGS), 1)
+    assert plan.plan_datasets("logging", first, 1) == specs[:first]
+    changed_columns = []
+    for spec in specs[first:]:
+        name = spec.pop("name")
+        generate.make_dataset(tmp_path / name, **spec)
+        generate.make_dataset(tmp_path / f"{name}_plain", spec["seed"], block="clean")
+        file = min(path.name for path in (tmp_path / name).glob("*_a.csv"))
+        logged, usual = (
+            np.loadtxt(tmp_path / folder / file, delimiter=",", skiprows=1) for folder in (name, f"{name}_plain")
+        )
+        changes = [rms(a - b) for a, b in zip(logged.T, usual.T, strict=True)]
+        changed_columns.append(["-+"[int(change > 0.0)] for change in changes[:5]])
+        kind = next(iter(spec["logging"]))
+        if kind == "length_step_mm":
+            assert changes[1] == pytest.approx(0.05 / 12.0**0.5, rel=0.1)
+        if kind == "length_samples":
+            assert np.count_nonzero(np.diff(logged[:, 1])) <= len(logged) / 4
+        if kind == "command_samples":
+            np.testing.assert_array_equal(logged[1:, 2], usual[:-1, 2])
+        if kind == "hum":
+            assert changes[3] == pytest.approx(0.5**0.5 * catalogue.BENCH_CHANNELS["force"].noise, rel=0.05)
+    # time, length, command, force and pressure
+    assert ["".join(row) for row in changed_columns] == ["---++", "---++", "-+---", "-+---", "--+--"]
+
+
 def test_wrong_number_changes_the_device_and_not_its_file(tmp_path: Path) -> None:
     specs = plan.plan_datasets("wrong_number", 8, 1)
     assert {spec["numbers"][0]["number"] for spec in specs} == set(set_up.NUMBER_ERRORS)
