@@ -41,7 +41,7 @@ def add_command_delay(data: WeightedData, base_fit: Fit) -> Hypothesis | None:
     repeats, nothing tells whether the delay explains the pressures.
     """
     interval = max(e.command_interval for e in data.experiments)
-    pressures = replace(data, noise={n: noise for n, noise in data.noise.items() if _is_pressure(n)}, cache=None)
+    pressures = replace(data, noise={n: noise for n, noise in data.noise.items() if is_pressure(n)}, cache=None)
     if not (interval and pressures.noise and has_repeats(data.experiments)):
         return None
     hypothesis = base_fit.hypothesis
@@ -80,8 +80,9 @@ def explains_pressures(data: WeightedData, fit: Fit) -> bool:
 def has_pressure_misfit(data: WeightedData, fit: Fit) -> bool:
     """Return whether repeats show a misfit of ``fit`` in a measured pressure."""
     misfits = estimate_misfit(data.experiments, fit.residuals, data.noise)
-    return any(is_significant(misfit) for name, misfit in misfits.items() if _is_pressure(name))
+    return any(is_significant(misfit) for name, misfit in misfits.items() if is_pressure(name))
 
 
-def _is_pressure(channel: str) -> bool:
+def is_pressure(channel: str) -> bool:
+    """Return whether a measured ``channel`` is a pressure."""
     return channel.startswith("pressure")

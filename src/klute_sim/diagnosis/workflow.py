@@ -27,10 +27,6 @@ from klute_sim.diagnosis.condition_registration import describe_condition_regist
 from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.experiments.held_samples import describe_held_samples
-from klute_sim.diagnosis.experiments.mains_hum import describe_mains_hum
-from klute_sim.diagnosis.experiments.prepare import prepare_experiments
-from klute_sim.diagnosis.experiments.quantized_motion import describe_quantized_motions
 from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.final_model import (
@@ -86,6 +82,7 @@ from klute_sim.diagnosis.selection.candidates import (
 from klute_sim.diagnosis.selection.deviating_specimen import find_deviating_specimen
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import has_several_specimens
+from klute_sim.diagnosis.trial_preparation import prepare_trials
 from klute_sim.types import ProgressCallback
 
 
@@ -121,16 +118,9 @@ def _run_workflow(
     progress: ProgressCallback,
 ) -> Diagnosis:
     progress(0.0, "checking the data")
-    experiments, fitted, reasons, problems = select_usable_data(
-        dataset, prepare_experiments(dataset, partition), simulator
-    )
-    reasons = [
-        *describe_held_samples(dataset.trials),
-        *describe_mains_hum(dataset.trials),
-        *describe_quantized_motions(dataset.trials),
-        *describe_excessive_commands(dataset.trials),
-        *reasons,
-    ]
+    prepared, remarks = prepare_trials(dataset, partition, simulator)
+    experiments, fitted, reasons, problems = select_usable_data(dataset, prepared, simulator)
+    reasons = [*remarks, *describe_excessive_commands(dataset.trials), *reasons]
     if problems:
         return Diagnosis(
             dataset=dataset,

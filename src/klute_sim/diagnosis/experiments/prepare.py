@@ -18,7 +18,7 @@ from klute_sim.diagnosis.experiments.held_samples import drop_held_samples
 from klute_sim.diagnosis.experiments.interpolation import changes_in_steps, shows_updates
 from klute_sim.diagnosis.experiments.mains_hum import remove_mains_hum
 from klute_sim.diagnosis.experiments.mechanism import prepare_mechanism_trial
-from klute_sim.diagnosis.experiments.quantized_motion import smooth_quantized_motions
+from klute_sim.diagnosis.experiments.quantized_inputs import smooth_quantized_inputs
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 
@@ -29,8 +29,10 @@ TRIAL_PREPARERS: Mapping[RigName, Callable[[Trial, Use], Experiment]] = {
 """Rig -> function that prepares one trial; that of a mechanism also needs its model."""
 
 
-def prepare_experiments(dataset: Dataset, split: Split) -> list[Experiment]:
+def prepare_experiments(dataset: Dataset, split: Split, *, smooths_commands: bool = False) -> list[Experiment]:
     """Return the experiments of ``dataset`` in the order of its trials, used as ``split`` says.
+
+    ``smooths_commands`` takes commands that were recorded in few steps to be smooth, as motions always are.
 
     Raises InputError for a device that is commanded by valve opening, for a trial that its rig cannot simulate, and
     for uncertain body parameters on a bench.
@@ -46,7 +48,10 @@ def prepare_experiments(dataset: Dataset, split: Split) -> list[Experiment]:
     uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")
     uses |= dict.fromkeys(split.validation, "validation")
     uses |= dict.fromkeys(split.test, "test")
-    trials = [smooth_quantized_motions(remove_mains_hum(drop_held_samples(trial))) for trial in dataset.trials]
+    trials = [
+        smooth_quantized_inputs(remove_mains_hum(drop_held_samples(trial)), with_commands=smooths_commands)
+        for trial in dataset.trials
+    ]
     experiments = [_prepare_trial(trial, uses[trial.name], dataset) for trial in trials]
     return [e.with_repeats([other for other in experiments if other.group == e.group]) for e in experiments]
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.device.device import load_device
-from klute_sim.diagnosis.experiments.quantized_motion import (
-    describe_quantized_motions,
+from klute_sim.diagnosis.experiments.quantized_inputs import (
+    describe_quantized_inputs,
     find_smoothest_curve,
-    smooth_quantized_motions,
+    smooth_quantized_inputs,
 )
 
 TIME = np.arange(0.0, 15.0, 2e-3)
@@ -34,7 +34,7 @@ def make_trial(length: np.ndarray, time: np.ndarray = TIME) -> Trial:
 
 
 def smooth(length: np.ndarray, time: np.ndarray = TIME) -> np.ndarray:
-    return smooth_quantized_motions(make_trial(length, time)).prescribed["length"].value
+    return smooth_quantized_inputs(make_trial(length, time)).prescribed["length"].value
 
 
 def quantize(length: np.ndarray, step: float) -> np.ndarray:
@@ -48,7 +48,7 @@ def test_error_is_a_fraction_of_that_of_rounding(motion: np.ndarray, step: float
     noise = noise_steps * step * np.random.default_rng(0).normal(size=len(TIME))
     rounded = quantize(motion + noise, step)
     assert np.std(smooth(rounded) - motion) < 0.6 * np.std(rounded - motion)
-    (sentence,) = describe_quantized_motions([make_trial(rounded)])
+    (sentence,) = describe_quantized_inputs([make_trial(rounded)])
     assert "'length'" in sentence
 
 
@@ -91,13 +91,13 @@ def test_rest_stays() -> None:
 )
 def test_other_motions_stay(length: np.ndarray) -> None:
     np.testing.assert_array_equal(smooth(length), length)
-    assert describe_quantized_motions([make_trial(length)]) == []
+    assert describe_quantized_inputs([make_trial(length)]) == []
 
 
 def test_commands_readings_and_uneven_samples_stay() -> None:
     rounded = quantize(MOTION, 1e-4)
     before = make_trial(rounded)
-    after = smooth_quantized_motions(before)
+    after = smooth_quantized_inputs(before)
     assert after.measured is before.measured
     assert after.prescribed["pressure_command"] is before.prescribed["pressure_command"]
     uneven = TIME + 4e-4 * np.sin(np.arange(len(TIME)))

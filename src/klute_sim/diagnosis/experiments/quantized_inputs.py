@@ -1,9 +1,10 @@
-"""Prescribed motions whose instrument shows few steps, as a length with a resolution of 0.1 mm.
+"""Prescribed channels that were recorded in few steps, as a length with a resolution of 0.1 mm.
 
 The steps are neither motion nor noise: a muscle with dry friction that follows them sticks and slips. Each sample says
 only that the motion is within half a step of it. The motion is taken to be the smoothest curve that is: the one with
 the smallest third differences (Whittaker, Proc. Edinb. Math. Soc. 41:63, 1923), where samples that it misses by more
-than half a step weigh more until it does not.
+than half a step weigh more until it does not. The steps of a command may be those of its log or those of a converter,
+which do act (:mod:`klute_sim.diagnosis.trial_preparation`).
 """
 
 from collections.abc import Sequence
@@ -44,27 +45,42 @@ N_DIFFERENCES = 3
 """Order of the differences."""
 
 
-def smooth_quantized_motions(trial: Trial) -> Trial:
-    """Return ``trial`` with smooth motions in place of those that show few steps; commands stay."""
-    return replace(trial, prescribed={name: _smooth(name, series) for name, series in trial.prescribed.items()})
+def smooth_quantized_inputs(trial: Trial, *, with_commands: bool = False) -> Trial:
+    """Return ``trial`` with smooth motions in place of those in few steps; ``with_commands`` also smooth commands."""
+    return replace(
+        trial,
+        prescribed={
+            name: _smooth(series) if with_commands or not name.startswith(COMMAND_PREFIX) else series
+            for name, series in trial.prescribed.items()
+        },
+    )
 
 
-def describe_quantized_motions(trials: Sequence[Trial]) -> list[str]:
-    """Return a sentence about the prescribed motions of ``trials`` that show few steps; none without any."""
+def has_quantized_commands(trials: Sequence[Trial]) -> bool:
+    """Return whether a command of ``trials`` changes in few steps."""
+    return any(
+        name.startswith(COMMAND_PREFIX) and _find_step(series) is not None
+        for trial in trials
+        for name, series in trial.prescribed.items()
+    )
+
+
+def describe_quantized_inputs(trials: Sequence[Trial], *, with_commands: bool = False) -> list[str]:
+    """Return a sentence about the channels of ``trials`` that were made smooth; none without any."""
     levels: dict[str, int] = {}
     for trial in trials:
         for name, series in trial.prescribed.items():
-            step = _find_step(name, series)
+            step = _find_step(series) if with_commands or not name.startswith(COMMAND_PREFIX) else None
             if step is not None:
                 levels[name] = max(levels.get(name, 0), round(float(np.ptp(series.value)) / step))
     if not levels:
         return []
     names = ", ".join(f"'{name}' ({count} steps in its range)" for name, count in levels.items())
-    return [f"These motions show the resolution of their instrument, and are taken to be smooth: {names}."]
+    return [f"These inputs were recorded in few steps and are taken to be smooth: {names}."]
 
 
-def _smooth(name: str, series: TimeSeries) -> TimeSeries:
-    step = _find_step(name, series)
+def _smooth(series: TimeSeries) -> TimeSeries:
+    step = _find_step(series)
     if step is None:
         return series
     noise = _estimate_noise(series.value, step)
@@ -72,10 +88,10 @@ def _smooth(name: str, series: TimeSeries) -> TimeSeries:
     return series._replace(value=find_smoothest_curve(series.value, half_width))
 
 
-def _find_step(name: str, series: TimeSeries) -> float | None:
-    """Return the step of a motion [SI]; None for a command and for a motion that does not show few steps."""
+def _find_step(series: TimeSeries) -> float | None:
+    """Return the step of a channel [SI]; None where it does not change in few steps."""
     value, intervals = series.value, np.diff(series.time)
-    if name.startswith(COMMAND_PREFIX) or not np.isfinite(value).all() or len(value) <= 2 * N_DIFFERENCES:
+    if not np.isfinite(value).all() or len(value) <= 2 * N_DIFFERENCES:
         return None
     changes = np.diff(value)
     span = float(np.ptp(value))
