@@ -133,7 +133,8 @@ def _run_workflow(
     quantizers: dict[str, Quantizer] = {}
     if data_quality.has_repeats(fitted):
         if dataset.rig != "gait":  # strides differ by more than noise
-            experiments, filters = add_low_pass_filters(experiments, fitted, simulator)
+            rates = {n: 1.0 / series.sampling_interval for t in dataset.trials for n, series in t.measured.items()}
+            experiments, filters = add_low_pass_filters(experiments, fitted, rates, simulator)
             fitted = [e for e in experiments if e.use == "fit" and e.measured]
             reasons += describe_low_pass_filters(filters)
         experiments, quantizers = detect_quantizers(experiments, fitted, simulator)

@@ -26,8 +26,12 @@ MIN_ORDER = 2
 """Smallest order of a filter: devices and instruments make noise with a spectrum of the first."""
 N_CUTOFFS = 60
 """Number of cut-off frequencies that are tried."""
-N_FINER_CUTOFFS = 21
+N_FINER_CUTOFFS = 41
 """Number of cut-off frequencies that are tried between the neighbors of the best one."""
+MAX_LIKELIHOOD_FALL = 4.0
+"""Largest fall of the logarithm of the likelihood of an admitted cut-off frequency: within 2.8 standard errors."""
+N_ADMITTED = 9
+"""Number of admitted cut-off frequencies."""
 MIN_PASS_BINS = 10
 """Fewest frequencies of a spectrum below half the cut-off, which show whether the noise was white."""
 N_STOP_BINS = 30
@@ -49,35 +53,60 @@ class _Spectrum(NamedTuple):
     """Frequencies above 0 [Hz], (n,)."""
     power: Array
     """Power density [SI^2/Hz], (n,)."""
-    sampling_rate: float
-    """Sampling rate [Hz]."""
 
 
 def add_low_pass_filters(
-    experiments: Sequence[Experiment], fit_experiments: Sequence[Experiment], simulator: Simulator
+    experiments: Sequence[Experiment],
+    fit_experiments: Sequence[Experiment],
+    sampling_rates: Mapping[str, float],
+    simulator: Simulator,
 ) -> tuple[list[Experiment], dict[str, LowPassFilter]]:
     """Return ``experiments`` with the filters detected in ``fit_experiments``, and the filter of each such channel.
 
-    Samples near the ends of a filtered record are left out. Channels without repeats get no filter.
+    ``sampling_rates`` [Hz] are those of the measured channels before samples were left out. Of the filters that the
+    noise admits, the nominal device agrees best with the one that is chosen. Samples near the ends of a filtered record
+    are left out. Channels without repeats get no filter.
     """
-    readings = simulator.simulate([[SimulationSetup(e.device.parameters) for e in fit_experiments]], fit_experiments)[0]
-    residuals = [
-        {channel: series.value - reading[channel] for channel, series in e.measured.items()}
-        for e, reading in zip(fit_experiments, readings, strict=True)
-    ]
-    filters = {}
+    values = [{channel: series.value for channel, series in e.measured.items()} for e in fit_experiments]
+    residuals = _compute_residuals(fit_experiments, simulator)
+    admitted = {}
     for channel in list_channels(fit_experiments):
-        differences = [
-            (repeats.time, one - other)
-            for repeats in align_repeats(fit_experiments, residuals, channel)
-            for one, other in combinations(repeats.residuals, 2)
-        ]
-        found = detect_low_pass_filter(differences)
-        if found is not None:
-            filters[channel] = found
-    if not filters:
-        return list(experiments), filters
+        differences = [_compare_repeats(fit_experiments, rows, channel) for rows in (values, residuals)]
+        # Residuals contain the noise of the recorded inputs, and values what differs between the inputs.
+        smaller = min(differences, key=lambda rows: float(np.sum([difference @ difference for _, difference in rows])))
+        found = find_admitted_filters(smaller, sampling_rates[channel])
+        if found:
+            admitted[channel] = found
+    if not admitted:
+        return list(experiments), {}
+    squares: dict[str, list[float]] = {channel: [] for channel in admitted}
+    for index in range(N_ADMITTED):
+        tried = {channel: filters[index] for channel, filters in admitted.items()}
+        rows = _compute_residuals([_add_filters(e, tried) for e in fit_experiments], simulator)
+        for channel in admitted:
+            squares[channel].append(float(np.sum([row[channel] @ row[channel] for row in rows if channel in row])))
+    filters = {channel: found[int(np.argmin(squares[channel]))] for channel, found in admitted.items()}
     return [_add_filters(e, filters) for e in experiments], filters
+
+
+def _compute_residuals(experiments: Sequence[Experiment], simulator: Simulator) -> list[dict[str, Array]]:
+    """Return for each experiment: channel -> residual of the nominal device [SI]."""
+    setups = [SimulationSetup(e.device.parameters) for e in experiments]
+    return [
+        {channel: series.value - reading[channel] for channel, series in e.measured.items()}
+        for e, reading in zip(experiments, simulator.simulate([setups], experiments)[0], strict=True)
+    ]
+
+
+def _compare_repeats(
+    experiments: Sequence[Experiment], rows: Sequence[Mapping[str, Array]], channel: str
+) -> list[tuple[Array, Array]]:
+    """Return times [s] (n,) and the difference between two repeats (n,) of ``rows`` in ``channel``, for each pair."""
+    return [
+        (repeats.time, one - other)
+        for repeats in align_repeats(experiments, rows, channel)
+        for one, other in combinations(repeats.residuals, 2)
+    ]
 
 
 def _add_filters(experiment: Experiment, filters: Mapping[str, LowPassFilter]) -> Experiment:
@@ -107,31 +136,35 @@ def _compute_spectrum(time: Array, difference: Array) -> _Spectrum | None:
     rate = 1.0 / float(steps.mean())
     frequency, power = periodogram(detrend(difference), rate, window="hann", detrend=False)
     min_power = MIN_FLOOR_FRACTION * float(power[2 : 2 + MIN_PASS_BINS].mean())
-    return _Spectrum(frequency[2:-1], np.maximum(power[2:-1], min_power), rate)
+    return _Spectrum(frequency[2:-1], np.maximum(power[2:-1], min_power))
 
 
-def detect_low_pass_filter(differences: Sequence[tuple[Array, Array]]) -> LowPassFilter | None:
-    """Return the filter that the ``differences`` of repeats went through; None where they do not show one.
+def find_admitted_filters(differences: Sequence[tuple[Array, Array]], sampling_rate: float) -> list[LowPassFilter]:
+    """Return :data:`N_ADMITTED` filters that the ``differences`` of repeats admit; none where they do not show any.
 
-    Each is a pair of times [s] (n,) and values [SI] (n,).
+    A difference is a pair of times [s] (n,) and values [SI] (n,); ``sampling_rate`` [Hz] is that of the filter.
     """
     spectra = [s for s in (_compute_spectrum(*difference) for difference in differences) if s is not None]
     if not spectra:
-        return None
-    rate = float(np.median([s.sampling_rate for s in spectra]))
-    nyquist = 0.5 * rate
+        return []
+    nyquist = min(s.frequency[-1] for s in spectra)
     lowest = max(MIN_PASS_BINS * 2.0 * s.frequency[0] for s in spectra)
-    cutoffs = np.geomspace(lowest, nyquist, N_CUTOFFS) if lowest < nyquist else np.empty(0)
-    filters = [LowPassFilter(float(cutoff), order, rate) for order in ORDERS for cutoff in cutoffs[:-1]]
+    cutoffs = np.geomspace(lowest, nyquist, N_CUTOFFS)[:-1] if lowest < nyquist else np.empty(0)
+    filters = [LowPassFilter(float(cutoff), order, sampling_rate) for order in ORDERS for cutoff in cutoffs]
     if not filters:
-        return None
+        return []
     coarse = min(filters, key=lambda tried: _compute_misfit(spectra, tried))
     ratio = float(cutoffs[1] / cutoffs[0])
-    finer = coarse.cutoff * np.geomspace(1.0 / ratio, ratio, N_FINER_CUTOFFS)
-    refined = [replace(coarse, cutoff=float(cutoff)) for cutoff in finer]
-    best = min(refined, key=lambda tried: _compute_misfit(spectra, tried))
-    has_filter = best.order >= MIN_ORDER and best.cutoff < MAX_CUTOFF_NYQUIST_FRACTION * nyquist
-    return best if has_filter and _has_shape(spectra, best.cutoff) else None
+    finer = [replace(coarse, cutoff=coarse.cutoff * x) for x in np.geomspace(1.0 / ratio, ratio, N_FINER_CUTOFFS)]
+    misfits = np.array([_compute_misfit(spectra, tried) for tried in finer])
+    best = finer[int(np.argmin(misfits))]
+    if best.order < MIN_ORDER or best.cutoff >= MAX_CUTOFF_NYQUIST_FRACTION * nyquist:
+        return []
+    if not _has_shape(spectra, best.cutoff):
+        return []
+    is_admitted = misfits <= misfits.min() + MAX_LIKELIHOOD_FALL
+    low, high = (finer[int(index)].cutoff for index in np.flatnonzero(is_admitted)[[0, -1]])
+    return [replace(best, cutoff=float(cutoff)) for cutoff in np.geomspace(low, high, N_ADMITTED)]
 
 
 def _compute_misfit(spectra: Sequence[_Spectrum], tried: LowPassFilter) -> float:
@@ -140,7 +173,7 @@ def _compute_misfit(spectra: Sequence[_Spectrum], tried: LowPassFilter) -> float
     The power of the noise is the best one of each spectrum.
     """
     total = 0.0
-    for frequency, power, _ in spectra:
+    for frequency, power in spectra:
         shape = tried.compute_gain(frequency)[None, :] ** 2 + FLOOR_FRACTIONS[:, None]
         level = (power / shape).mean(axis=1)
         total += float(np.min(len(power) * np.log(level) + np.log(shape).sum(axis=1)))
@@ -150,7 +183,7 @@ def _compute_misfit(spectra: Sequence[_Spectrum], tried: LowPassFilter) -> float
 def _has_shape(spectra: Sequence[_Spectrum], cutoff: float) -> bool:
     """Return whether the noise is white in the pass band of a filter with this ``cutoff`` [Hz], and gone far above."""
     powers = []
-    for frequency, power, _ in spectra:
+    for frequency, power in spectra:
         passed = power[frequency < 0.5 * cutoff]
         stopped = power[-max(N_STOP_BINS, len(power) // 10) :]
         bands = (*np.array_split(passed, 2), stopped)
