@@ -9,6 +9,7 @@ import pytest
 from klute_sim.diagnosis.command_delay import (
     DEVIATION_INTERVALS,
     add_command_delay,
+    complete_with_command_delay,
     explains_pressures,
     has_pressure_misfit,
 )
@@ -60,6 +61,23 @@ def test_delay_of_the_log_is_found_and_corrected(simulator: Simulator, delay: fl
     corrected = fit_hypothesis(data, extended)
     assert corrected.values[-1] == pytest.approx(1e3 * delay, abs=0.1)
     assert explains_pressures(data, corrected)
+
+
+@pytest.mark.parametrize(("delay", "is_of_log"), [(1.5e-3, True), (5e-3, True), (0.0, False), (9e-3, False)])
+def test_a_fit_is_completed_with_a_delay_of_the_log(simulator: Simulator, delay: float, is_of_log: bool) -> None:
+    data, fit = fit_delayed(simulator, delay)
+    completed = complete_with_command_delay(data, fit)
+    assert (completed is not None) is is_of_log
+    if completed is not None:
+        assert completed.values[-1] == pytest.approx(1e3 * delay, abs=0.1)
+        assert not has_pressure_misfit(data, completed)
+        assert complete_with_command_delay(data, completed) is None
+
+
+def test_without_a_pressure_no_fit_is_completed(simulator: Simulator) -> None:
+    data, fit = fit_delayed(simulator, 1.5e-3)
+    blind = replace(data, noise={name: noise for name, noise in data.noise.items() if name != "pressure"})
+    assert complete_with_command_delay(blind, fit) is None
 
 
 def test_no_delay_is_none(simulator: Simulator) -> None:

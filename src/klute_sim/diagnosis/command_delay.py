@@ -18,6 +18,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
 from klute_sim.diagnosis.selection.naming import MIN_DELAY_SAMPLES
+from klute_sim.types import Array
 
 MIN_BIC_FALL = 10.0
 """Smallest fall of the Bayesian information criterion by which pressures show a delay: very strong evidence after Kass
@@ -45,9 +46,7 @@ def add_command_delay(data: WeightedData, base_fit: Fit) -> Hypothesis | None:
     if not (interval and pressures.noise and has_repeats(data.experiments)):
         return None
     hypothesis = base_fit.hypothesis
-    added = (COMMAND_DELAY, 1e3 * DEVIATION_INTERVALS * interval)
-    extended = replace(hypothesis, registration=(*hypothesis.registration, added))
-    start = np.insert(base_fit.x, hypothesis.n_prior_parameters, 0.0)
+    extended, start = _extend(base_fit, interval)
     end = start.copy()
     end[hypothesis.n_prior_parameters] = PERTURBATION_INTERVALS / DEVIATION_INTERVALS
     (changes,) = data.compute_changes(
@@ -61,20 +60,46 @@ def add_command_delay(data: WeightedData, base_fit: Fit) -> Hypothesis | None:
     if slope * slope / curvature - math.log(pressures.n_effective) <= MIN_BIC_FALL:
         return None
     supply = tuple(row for row in hypothesis.uncertainties if row[0].rpartition("/")[2].startswith("supply."))
-    shifted = replace(extended, uncertainties=supply, registration=(added,))
+    shifted = replace(extended, uncertainties=supply, registration=extended.registration[-1:])
     return extended if explains_pressures(pressures, fit_hypothesis(pressures, shifted)) else None
+
+
+def complete_with_command_delay(data: WeightedData, fit: Fit) -> Fit | None:
+    """Return ``fit``, which has added effects, with a delay of the command's log as well; None where that is not one.
+
+    The delay must be one of a log. A caller accepts it only where nothing is missing with it, because effects that are
+    still missing move it.
+    """
+    interval = max(e.command_interval for e in data.experiments)
+    names = [parameter.name for parameter in fit.hypothesis.parameters]
+    if not interval or COMMAND_DELAY in names or not any(map(is_pressure, data.noise)):
+        return None
+    extended = fit_hypothesis(data, *_extend(fit, interval))
+    gain = fit.chi2 - extended.chi2 - math.log(data.n_effective)
+    return extended if gain > MIN_BIC_FALL and _is_delay_of_log(data, extended, interval) else None
+
+
+def _extend(fit: Fit, interval: float) -> tuple[Hypothesis, Array]:
+    """Return the hypothesis of ``fit`` with a delay of a log with ``interval`` [s], and its point without delay."""
+    hypothesis = fit.hypothesis
+    added = (COMMAND_DELAY, 1e3 * DEVIATION_INTERVALS * interval)
+    extended = replace(hypothesis, registration=(*hypothesis.registration, added))
+    return extended, np.insert(fit.x, hypothesis.n_prior_parameters, 0.0)
+
+
+def _is_delay_of_log(data: WeightedData, fit: Fit, interval: float) -> bool:
+    """Return whether the delay of the command in ``fit`` is one of a log with ``interval`` [s]."""
+    names = [parameter.name for parameter in fit.hypothesis.parameters]
+    n_intervals = 1e-3 * fit.values[names.index(COMMAND_DELAY)] / interval
+    if any(e.has_zero_order_hold and not e.has_logged_updates for e in data.experiments):  # a hold is assumed
+        return abs(n_intervals) < MAX_HOLD_INTERVALS
+    return -MIN_DELAY_SAMPLES < n_intervals < MAX_INTERVALS
 
 
 def explains_pressures(data: WeightedData, fit: Fit) -> bool:
     """Return whether the delay of the command in ``fit`` is one of its log, and leaves no misfit of a pressure."""
     interval = max(e.command_interval for e in data.experiments)
-    names = [parameter.name for parameter in fit.hypothesis.parameters]
-    n_intervals = 1e-3 * fit.values[names.index(COMMAND_DELAY)] / interval
-    is_assumed_hold = any(e.has_zero_order_hold and not e.has_logged_updates for e in data.experiments)
-    is_of_log = (
-        abs(n_intervals) < MAX_HOLD_INTERVALS if is_assumed_hold else -MIN_DELAY_SAMPLES < n_intervals < MAX_INTERVALS
-    )
-    return is_of_log and not has_pressure_misfit(data, fit)
+    return _is_delay_of_log(data, fit, interval) and not has_pressure_misfit(data, fit)
 
 
 def has_pressure_misfit(data: WeightedData, fit: Fit) -> bool:

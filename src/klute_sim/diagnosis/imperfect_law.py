@@ -95,14 +95,15 @@ def find_adequate_model(
 ) -> Fit | None:
     """Return a model of the ``result`` of ``selection`` that reaches the noise between repeats and passes validation.
 
-    None if there is no such model. One-at-a-time search passes by a pair of which neither effect explains much alone.
+    None if there is no such model. One-at-a-time search passes by a pair of which neither effect explains much alone. A
+    set that predictions refuse because a part of it predicts nearly as well may be the only one that reaches the noise.
     """
     by_bic = sorted(
-        (model for model in result.models if model.terms and not model.obstacle),
+        (model for model in result.models if model.terms and not find_naming_obstacle(selection.data, model.fit)),
         key=lambda model: model.fit.bic(selection.data.n_effective),
     )
     for model in by_bic[:MAX_ADEQUATE_MODELS]:
-        refit = fit_hypothesis(search.data, model.fit.hypothesis, model.fit.x)
+        refit = search.complete(fit_hypothesis(search.data, model.fit.hypothesis, model.fit.x))
         if search.has_misfit(refit) or find_naming_obstacle(search.data, refit):
             continue
         if not search.rejection_reason(base_fit, refit, search.compute_validation_gains(base_fit, refit)):

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from klute_sim.diagnosis.command_delay import complete_with_command_delay
 from klute_sim.diagnosis.data_quality import is_supply_only
 from klute_sim.diagnosis.fitting.bic import format_bic_drop
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
@@ -96,11 +97,18 @@ class ForwardSelection:
             step = self._select_next(current)
             self.history.append(step)
             if step.added_term is None:
-                break
+                return self.complete(current)
             current = self.simplify(self.prune(step.refits[0], base_fit), base_fit)
             if not self.has_repeats:
                 current = self._reestimate_noise(current)
         return current
+
+    def complete(self, current: Fit) -> Fit:
+        """Return ``current`` with a delay of the command's log, where nothing is missing with it and its effects."""
+        if not (current.hypothesis.terms and self.has_repeats and self.has_misfit(current)):
+            return current
+        completed = complete_with_command_delay(self.data, current)
+        return current if completed is None or self.has_misfit(completed) else completed
 
     def _reestimate_noise(self, current: Fit) -> Fit:
         self.data = replace(self.data, noise=estimate_noise_from_residuals(self.data.experiments, current.residuals))
