@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
 from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
-from klute_sim.diagnosis.noise.filtered_noise import describe_low_pass_filters, find_admitted_filters
+from klute_sim.diagnosis.noise.filtered_noise import describe_low_pass_filters, detect_low_pass_filters
 
 RATE_HZ, DURATION_S = 500.0, 15.0
 TIME = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
@@ -25,31 +25,60 @@ def make_noise(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).normal(0.0, 4.0, len(TIME))
 
 
-def detect(one: np.ndarray, other: np.ndarray) -> list[LowPassFilter]:
-    return find_admitted_filters([(TIME, one - other)], RATE_HZ)
+def detect(*forces: np.ndarray) -> LowPassFilter | None:
+    """Return the filter that pairs of repeats show."""
+    differences = [(TIME, one - other) for one, other in zip(forces[::2], forces[1::2], strict=True)]
+    return detect_low_pass_filters({"force": differences}, {"force": RATE_HZ}).get("force")
+
+
+def measure_cutoff(*forces: np.ndarray) -> float:
+    found = detect(*forces)
+    assert found is not None
+    return found.cutoff
 
 
 @settings(max_examples=8, deadline=None)
-@given(st.floats(6.0, 60.0), st.integers(2, 4), st.integers(0, 1000))
+@given(st.floats(8.0, 60.0), st.integers(2, 4), st.integers(0, 1000))
 def test_noise_shows_the_filter(cutoff: float, order: int, seed: int) -> None:
-    forces = [filter_twice(REVERSALS + make_noise(2 * seed + k), cutoff, order) for k in range(2)]
-    found = detect(*forces)
-    assert 0.95 * found[0].cutoff < cutoff < 1.05 * found[-1].cutoff < 1.2 * cutoff
-    assert describe_low_pass_filters({"force": found[0]})
+    forces = [filter_twice(REVERSALS + make_noise(6 * seed + k), cutoff, order) for k in range(6)]
+    assert measure_cutoff(*forces) == pytest.approx(cutoff, rel=0.12)
+
+
+def test_noise_of_a_sensor_with_a_lag_shows_the_filter() -> None:
+    forces = [filter_twice(lfilter([0.12], [1.0, -0.88], make_noise(k)), 10.0, 2) for k in range(2)]  # 10 Hz
+    assert measure_cutoff(*forces) == pytest.approx(10.0, rel=0.2)
+
+
+def test_channels_with_the_same_filter_show_it_together() -> None:
+    pairs = {
+        name: [filter_twice(make_noise(10 * number + k), 10.0, 2) for k in range(2)]
+        for number, name in enumerate(("force", "pressure", "muscle_length"))
+    }
+    differences = {name: [(TIME, one - other)] for name, (one, other) in pairs.items()}
+    filters = detect_low_pass_filters(differences, dict.fromkeys(pairs, RATE_HZ))
+    assert filters.keys() == pairs.keys()
+    assert len(set(filters.values())) == 1
+    assert filters["force"].cutoff == pytest.approx(10.0, rel=0.05)
+    assert describe_low_pass_filters(filters)
+
+
+def test_channels_with_other_filters_have_their_own() -> None:
+    forces, pressures = ([filter_twice(make_noise(k), cutoff, 2) for k in range(2)] for cutoff in (6.0, 20.0))
+    differences = {"force": [(TIME, forces[0] - forces[1])], "pressure": [(TIME, pressures[0] - pressures[1])]}
+    filters = detect_low_pass_filters(differences, dict.fromkeys(differences, RATE_HZ))
+    assert filters["force"].cutoff == pytest.approx(6.0, rel=0.15)
+    assert filters["pressure"].cutoff == pytest.approx(20.0, rel=0.15)
 
 
 def test_last_digits_behind_the_filter_change_nothing() -> None:
     forces = [np.round(filter_twice(REVERSALS + make_noise(k), 10.0, 4), 2) for k in range(2)]
-    found = detect(*forces)
-    assert found[0].cutoff < 10.2
-    assert found[-1].cutoff > 9.8
+    assert measure_cutoff(*forces) == pytest.approx(10.0, rel=0.05)
 
 
 def test_filter_of_an_amplifier_is_found_as_well() -> None:
     sections = butter(4, 10.0, fs=RATE_HZ, output="sos")
     forces = [sosfilt(sections, REVERSALS + make_noise(k)) for k in range(2)]
-    found = detect(*forces)
-    assert 9.0 < found[0].cutoff < found[-1].cutoff < 14.0  # the amplitude is 0.71 at 10 Hz
+    assert 9.0 < measure_cutoff(*forces) < 14.0  # the amplitude is 0.71 at 10 Hz
 
 
 @pytest.mark.parametrize(
@@ -65,10 +94,10 @@ def test_filter_of_an_amplifier_is_found_as_well() -> None:
     ids=["white", "near half the sampling rate", "lag of first order", "random walk", "noise behind", "constant"],
 )
 def test_other_noise_shows_no_filter(change: Callable[[np.ndarray], np.ndarray]) -> None:
-    assert detect(*(change(REVERSALS + make_noise(k)) for k in range(2))) == []
+    assert detect(*(change(REVERSALS + make_noise(k)) for k in range(2))) is None
 
 
 def test_short_records_show_no_filter() -> None:
     forces = [filter_twice(make_noise(k), 60.0, 4)[:100] for k in range(2)]
-    assert find_admitted_filters([(TIME[:100], forces[0] - forces[1])], RATE_HZ) == []
-    assert find_admitted_filters([], RATE_HZ) == []
+    assert detect_low_pass_filters({"force": [(TIME[:100], forces[0] - forces[1])]}, {"force": RATE_HZ}) == {}
+    assert detect_low_pass_filters({"force": []}, {"force": RATE_HZ}) == {}

@@ -26,25 +26,31 @@ MIN_ORDER = 2
 """Smallest order of a filter: devices and instruments make noise with a spectrum of the first."""
 N_CUTOFFS = 60
 """Number of cut-off frequencies that are tried."""
-N_FINER_CUTOFFS = 41
-"""Number of cut-off frequencies that are tried between the neighbors of the best one."""
-MAX_LIKELIHOOD_FALL = 4.0
-"""Largest fall of the logarithm of the likelihood of an admitted cut-off frequency: within 2.8 standard errors."""
-N_ADMITTED = 9
-"""Number of admitted cut-off frequencies."""
+CUTOFF_FACTORS = np.geomspace(0.8, 1.25, 61)
+"""Cut-off frequencies that are tried around the best one of an order, over it."""
+POLE_FACTORS = np.inf, 4.0, 2.0, 1.0, 0.5
+"""Frequencies above which the noise before the filter falls, as that of a sensor with a lag, over the cut-off
+frequency."""
+MAX_COMMON_LOSS = 4.0
+"""Mean fall of the logarithm of the likelihood of each channel up to which channels went through the same filter
+(assumed)."""
+N_BANDS = 200
+"""Number of bands, evenly spaced on a logarithmic scale, in which the frequencies of a spectrum are averaged."""
 MIN_PASS_BINS = 10
 """Fewest frequencies of a spectrum below half the cut-off, which show whether the noise was white."""
-N_STOP_BINS = 30
-"""Fewest frequencies at the end of a spectrum, which show whether the noise is gone."""
+MIN_STOP_FRACTION = 0.9
+"""Part of the spectrum above which the noise is gone."""
+MIN_SAMPLES = 120
+"""Fewest samples of a record whose spectrum shows a filter (assumed)."""
 MAX_PASS_RATIO = 3.0
 """Largest ratio of the noise in the lower and the upper half of this band, either way (assumed)."""
 MIN_STOP_RATIO = 100.0
 """Smallest ratio of the power of the noise in this band to that at the highest frequencies (assumed)."""
 MAX_CUTOFF_NYQUIST_FRACTION = 0.5
 """Largest cut-off frequency, as a fraction of half the sampling rate."""
-MIN_FLOOR_FRACTION = 1e-6
-"""Smallest power of the spectrum that counts, over that of its lowest frequencies: less leaks from these."""
-FLOOR_FRACTIONS = np.geomspace(MIN_FLOOR_FRACTION, 1e-2, 9)
+MIN_POWER_FRACTION = 1e-4
+"""Power, over that of the lowest frequencies, below which a spectrum ends for a fit: beyond, other noise begins."""
+FLOOR_FRACTIONS = np.append(0.0, np.geomspace(MIN_POWER_FRACTION, 1e-2, 5))
 """Power of the noise behind the filter, such as that of the last digit, over the power before it, that is tried."""
 
 
@@ -53,6 +59,8 @@ class _Spectrum(NamedTuple):
     """Frequencies above 0 [Hz], (n,)."""
     power: Array
     """Power density [SI^2/Hz], (n,)."""
+    n_averaged: Array
+    """Number of averaged frequencies, (n,)."""
 
 
 def add_low_pass_filters(
@@ -63,30 +71,18 @@ def add_low_pass_filters(
 ) -> tuple[list[Experiment], dict[str, LowPassFilter]]:
     """Return ``experiments`` with the filters detected in ``fit_experiments``, and the filter of each such channel.
 
-    ``sampling_rates`` [Hz] are those of the measured channels before samples were left out. Of the filters that the
-    noise admits, the nominal device agrees best with the one that is chosen. Samples near the ends of a filtered record
-    are left out. Channels without repeats get no filter.
+    ``sampling_rates`` [Hz] are those of the measured channels before samples were left out. Samples near the ends of a
+    filtered record are left out. Channels without repeats get no filter.
     """
     values = [{channel: series.value for channel, series in e.measured.items()} for e in fit_experiments]
     residuals = _compute_residuals(fit_experiments, simulator)
-    admitted = {}
+    differences = {}
     for channel in list_channels(fit_experiments):
-        differences = [_compare_repeats(fit_experiments, rows, channel) for rows in (values, residuals)]
+        candidates = [_compare_repeats(fit_experiments, rows, channel) for rows in (values, residuals)]
         # Residuals contain the noise of the recorded inputs, and values what differs between the inputs.
-        smaller = min(differences, key=lambda rows: float(np.sum([difference @ difference for _, difference in rows])))
-        found = find_admitted_filters(smaller, sampling_rates[channel])
-        if found:
-            admitted[channel] = found
-    if not admitted:
-        return list(experiments), {}
-    squares: dict[str, list[float]] = {channel: [] for channel in admitted}
-    for index in range(N_ADMITTED):
-        tried = {channel: filters[index] for channel, filters in admitted.items()}
-        rows = _compute_residuals([_add_filters(e, tried) for e in fit_experiments], simulator)
-        for channel in admitted:
-            squares[channel].append(float(np.sum([row[channel] @ row[channel] for row in rows if channel in row])))
-    filters = {channel: found[int(np.argmin(squares[channel]))] for channel, found in admitted.items()}
-    return [_add_filters(e, filters) for e in experiments], filters
+        differences[channel] = min(candidates, key=lambda rows: float(np.sum([change @ change for _, change in rows])))
+    filters = detect_low_pass_filters(differences, sampling_rates)
+    return [_add_filters(e, filters) if filters else e for e in experiments], filters
 
 
 def _compute_residuals(experiments: Sequence[Experiment], simulator: Simulator) -> list[dict[str, Array]]:
@@ -131,62 +127,97 @@ def describe_low_pass_filters(filters: Mapping[str, LowPassFilter]) -> list[str]
 def _compute_spectrum(time: Array, difference: Array) -> _Spectrum | None:
     """Return the spectrum of the ``difference`` of two repeats (n,) at ``time`` [s] (n,); None where it shows none."""
     steps = np.diff(time)
-    if len(steps) < 4 * N_STOP_BINS or np.ptp(steps) > MAX_INTERVAL_VARIATION * steps.mean() or not difference.any():
+    if len(time) < MIN_SAMPLES or np.ptp(steps) > MAX_INTERVAL_VARIATION * steps.mean() or not difference.any():
         return None
     rate = 1.0 / float(steps.mean())
     frequency, power = periodogram(detrend(difference), rate, window="hann", detrend=False)
-    min_power = MIN_FLOOR_FRACTION * float(power[2 : 2 + MIN_PASS_BINS].mean())
-    return _Spectrum(frequency[2:-1], np.maximum(power[2:-1], min_power))
+    frequency, power = frequency[2:-1], power[2:-1]
+    starts = np.unique(np.searchsorted(frequency, np.geomspace(frequency[0], frequency[-1], N_BANDS)))
+    n_averaged = np.diff(np.append(starts, len(frequency)))
+    mean_frequency, mean_power = (np.add.reduceat(values, starts) / n_averaged for values in (frequency, power))
+    return _Spectrum(mean_frequency, mean_power, n_averaged.astype(np.float64))
 
 
-def find_admitted_filters(differences: Sequence[tuple[Array, Array]], sampling_rate: float) -> list[LowPassFilter]:
-    """Return :data:`N_ADMITTED` filters that the ``differences`` of repeats admit; none where they do not show any.
+def detect_low_pass_filters(
+    differences: Mapping[str, Sequence[tuple[Array, Array]]], sampling_rates: Mapping[str, float]
+) -> dict[str, LowPassFilter]:
+    """Return channel -> the filter that its noise went through, for those channels that show one.
 
-    A difference is a pair of times [s] (n,) and values [SI] (n,); ``sampling_rate`` [Hz] is that of the filter.
+    ``differences`` between repeats are pairs of times [s] (n,) and values [SI] (n,); ``sampling_rates`` [Hz] are those
+    of the filters. Channels share a filter where that is nearly as likely, because the noise of one shows it to a few
+    per cent only.
     """
-    spectra = [s for s in (_compute_spectrum(*difference) for difference in differences) if s is not None]
-    if not spectra:
-        return []
+    spectra, filters = {}, {}
+    for channel, rows in differences.items():
+        own = [s for s in (_compute_spectrum(*difference) for difference in rows) if s is not None]
+        found = _find_filter(own, sampling_rates[channel]) if own else None
+        if found is not None:
+            spectra[channel], filters[channel] = [_cut_spectrum(s) for s in own], found
+    if len(filters) > 1 and np.ptp([sampling_rates[channel] for channel in filters]) == 0.0:
+        pooled = [spectrum for own in spectra.values() for spectrum in own]
+        common = _fit_filter(pooled, next(iter(filters.values())))
+        loss = _compute_misfit(pooled, common) - sum(_compute_misfit(spectra[c], f) for c, f in filters.items())
+        if loss <= MAX_COMMON_LOSS * len(filters):
+            return dict.fromkeys(filters, common)
+    return filters
+
+
+def _find_filter(spectra: Sequence[_Spectrum], sampling_rate: float) -> LowPassFilter | None:
+    """Return the filter that one channel with ``spectra`` went through; None where they do not show one."""
     nyquist = min(s.frequency[-1] for s in spectra)
     lowest = max(MIN_PASS_BINS * 2.0 * s.frequency[0] for s in spectra)
-    cutoffs = np.geomspace(lowest, nyquist, N_CUTOFFS)[:-1] if lowest < nyquist else np.empty(0)
-    filters = [LowPassFilter(float(cutoff), order, sampling_rate) for order in ORDERS for cutoff in cutoffs]
-    if not filters:
-        return []
-    coarse = min(filters, key=lambda tried: _compute_misfit(spectra, tried))
-    ratio = float(cutoffs[1] / cutoffs[0])
-    finer = [replace(coarse, cutoff=coarse.cutoff * x) for x in np.geomspace(1.0 / ratio, ratio, N_FINER_CUTOFFS)]
-    misfits = np.array([_compute_misfit(spectra, tried) for tried in finer])
-    best = finer[int(np.argmin(misfits))]
-    if best.order < MIN_ORDER or best.cutoff >= MAX_CUTOFF_NYQUIST_FRACTION * nyquist:
-        return []
-    if not _has_shape(spectra, best.cutoff):
-        return []
-    is_admitted = misfits <= misfits.min() + MAX_LIKELIHOOD_FALL
-    low, high = (finer[int(index)].cutoff for index in np.flatnonzero(is_admitted)[[0, -1]])
-    return [replace(best, cutoff=float(cutoff)) for cutoff in np.geomspace(low, high, N_ADMITTED)]
+    if lowest >= nyquist:
+        return None
+    passed = [_cut_spectrum(spectrum) for spectrum in spectra]
+    coarse = [
+        LowPassFilter(float(cutoff), order, sampling_rate)
+        for order in ORDERS
+        for cutoff in np.geomspace(lowest, nyquist, N_CUTOFFS)[:-1]
+    ]
+    best = _fit_filter(passed, min(coarse, key=lambda tried: _compute_misfit(passed, tried)))
+    has_filter = best.order >= MIN_ORDER and best.cutoff < MAX_CUTOFF_NYQUIST_FRACTION * nyquist
+    return best if has_filter and _has_shape(spectra, best.cutoff) else None
+
+
+def _fit_filter(spectra: Sequence[_Spectrum], start: LowPassFilter) -> LowPassFilter:
+    """Return the most likely filter near ``start``, of any order."""
+    tried = [replace(start, cutoff=start.cutoff * float(x), order=order) for order in ORDERS for x in CUTOFF_FACTORS]
+    return min(tried, key=lambda each: _compute_misfit(spectra, each))
+
+
+def _cut_spectrum(spectrum: _Spectrum) -> _Spectrum:
+    """Return ``spectrum`` up to where its power falls below :data:`MIN_POWER_FRACTION`."""
+    n_lowest = int(np.searchsorted(np.cumsum(spectrum.n_averaged), MIN_PASS_BINS)) + 1
+    lowest = float(np.average(spectrum.power[:n_lowest], weights=spectrum.n_averaged[:n_lowest]))
+    below = np.flatnonzero(spectrum.power < MIN_POWER_FRACTION * lowest)
+    end = below[0] if len(below) else len(spectrum.power)
+    return _Spectrum(*(values[:end] for values in spectrum))
 
 
 def _compute_misfit(spectra: Sequence[_Spectrum], tried: LowPassFilter) -> float:
-    """Return the negative logarithm of the likelihood (Whittle, 1953) of white noise through the filter, and a floor.
+    """Return the negative logarithm of the likelihood (Whittle, 1953) of noise through the filter, and a floor.
 
-    The power of the noise is the best one of each spectrum.
+    The noise before the filter is white up to a pole. Its power, pole and floor are the best ones of each spectrum.
     """
+    poles = tried.cutoff * np.array(POLE_FACTORS)
     total = 0.0
-    for frequency, power in spectra:
-        shape = tried.compute_gain(frequency)[None, :] ** 2 + FLOOR_FRACTIONS[:, None]
-        level = (power / shape).mean(axis=1)
-        total += float(np.min(len(power) * np.log(level) + np.log(shape).sum(axis=1)))
+    for frequency, power, n_averaged in spectra:
+        noise = 1.0 / (1.0 + (frequency / poles[:, None]) ** 2)
+        shape = noise[:, None, :] * tried.compute_gain(frequency) ** 2 + FLOOR_FRACTIONS[:, None]
+        n = n_averaged.sum()
+        level = (n_averaged * power / shape).sum(axis=-1) / n
+        has_pole = 0.5 * np.log(n) * np.isfinite(poles)[:, None]  # one more parameter, as in half of BIC
+        total += float(np.min(n * np.log(level) + (n_averaged * np.log(shape)).sum(axis=-1) + has_pole))
     return total
 
 
 def _has_shape(spectra: Sequence[_Spectrum], cutoff: float) -> bool:
     """Return whether the noise is white in the pass band of a filter with this ``cutoff`` [Hz], and gone far above."""
     powers = []
-    for frequency, power in spectra:
-        passed = power[frequency < 0.5 * cutoff]
-        stopped = power[-max(N_STOP_BINS, len(power) // 10) :]
-        bands = (*np.array_split(passed, 2), stopped)
-        powers.append([float(band.mean()) / float(passed.mean()) for band in bands])
+    for frequency, power, n_averaged in spectra:
+        lower, upper = frequency < 0.25 * cutoff, (frequency >= 0.25 * cutoff) & (frequency < 0.5 * cutoff)
+        bands = lower, upper, frequency > MIN_STOP_FRACTION * frequency[-1], lower | upper
+        means = [float(np.average(power[band], weights=n_averaged[band])) if band.any() else np.nan for band in bands]
+        powers.append([mean / means[-1] for mean in means[:-1]])
     lower, upper, stopped_power = np.mean(powers, axis=0)
     return bool(1.0 / MAX_PASS_RATIO < lower / upper < MAX_PASS_RATIO and stopped_power < 1.0 / MIN_STOP_RATIO)
