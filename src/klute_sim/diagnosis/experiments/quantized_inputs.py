@@ -35,8 +35,9 @@ MAX_NOISE = 0.6
 """Largest white noise, in steps; more hides the steps, and is averaged like any noise (assumed)."""
 NOISE_SIGMAS = 2.5
 """Standard deviations of the noise before rounding that are added to half a step."""
-SMOOTHNESS = 1e5
-"""Weight of the squared third differences (assumed: of 500 Hz and steps of 0.1 mm, an error of 0.05 steps remains)."""
+CUTOFF_HZ = 12.0
+"""Frequency above which the curve follows the samples only where it must [Hz] (assumed: motions of a bench are slower).
+Of 500 Hz and steps of 0.1 mm, an error of 0.05 steps remains."""
 N_REWEIGHTINGS = 40
 """Largest number of times that the weights grow."""
 MAX_OVERSHOOT, MAX_WEIGHT_RATIO = 1.05, 4.0
@@ -85,7 +86,8 @@ def _smooth(series: TimeSeries) -> TimeSeries:
         return series
     noise = _estimate_noise(series.value, step)
     half_width = step * (0.5 + NOISE_SIGMAS * float(np.sqrt(max(0.0, noise**2 - STEP_NOISE**2))))
-    return series._replace(value=find_smoothest_curve(series.value, half_width))
+    smoothness = (2.0 * np.pi * CUTOFF_HZ * series.sampling_interval) ** (-2 * N_DIFFERENCES)
+    return series._replace(value=find_smoothest_curve(series.value, half_width, smoothness))
 
 
 def _find_step(series: TimeSeries) -> float | None:
@@ -117,10 +119,13 @@ def _estimate_noise(value: Array, step: float) -> float:
     return float(np.sqrt(np.mean(third**2) / comb(2 * N_DIFFERENCES, N_DIFFERENCES)))
 
 
-def find_smoothest_curve(values: Array, half_width: float) -> Array:
-    """Return the smoothest curve within ``half_width`` of ``values`` (n,): (n,), equally spaced, in the same unit."""
+def find_smoothest_curve(values: Array, half_width: float, smoothness: float) -> Array:
+    """Return the smoothest curve within ``half_width`` of ``values`` (n,): (n,), equally spaced, in the same unit.
+
+    ``smoothness`` is the weight of the squared third differences.
+    """
     n = len(values)
-    penalty = SMOOTHNESS * _compute_gram_matrix(n)
+    penalty = smoothness * _compute_gram_matrix(n)
     weights, curve = np.ones(n), values
     for _ in range(N_REWEIGHTINGS):
         matrix = penalty.copy()
