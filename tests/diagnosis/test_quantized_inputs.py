@@ -63,7 +63,8 @@ def test_friction_does_not_reverse_at_steps() -> None:
 @given(st.floats(1e-6, 1e-3), st.floats(0.1, 2.0), st.integers(10, 2000))
 def test_curve_stays_near_the_samples(half_width: float, rate: float, n: int) -> None:
     values = quantize(0.01 * np.sin(rate * TIME[:n]), 2.0 * half_width)
-    assert np.abs(find_smoothest_curve(values, half_width, 1e5) - values).max() <= 1.06 * half_width
+    curve = find_smoothest_curve(values, half_width, 1e5)
+    assert curve is None or np.abs(curve - values).max() <= 1.06 * half_width
 
 
 def test_parabola_stays() -> None:
@@ -86,8 +87,18 @@ def test_rest_stays() -> None:
         np.full(len(TIME), 0.35),
         np.where(TIME % 2.0 < 1.0, 0.35, 0.34),
         np.where(TIME < 1.0, np.nan, quantize(MOTION, 1e-4)),
+        quantize(0.35 + 0.01 * np.abs((5.0 * TIME) % 2.0 - 1.0), 5e-5),
     ],
-    ids=["exact", "noise", "fine steps", "steps within noise", "constant", "two lengths", "missing samples"],
+    ids=[
+        "exact",
+        "noise",
+        "fine steps",
+        "steps within noise",
+        "constant",
+        "two lengths",
+        "missing samples",
+        "quick reversals",
+    ],
 )
 def test_other_motions_stay(length: np.ndarray) -> None:
     np.testing.assert_array_equal(smooth(length), length)

@@ -40,6 +40,9 @@ CUTOFF_HZ = 12.0
 Of 500 Hz and steps of 0.1 mm, an error of 0.05 steps remains."""
 N_REWEIGHTINGS = 40
 """Largest number of times that the weights grow."""
+MISSED_OVERSHOOT, MAX_MISSED_FRACTION = 1.5, 0.01
+"""Deviation of the curve over the permitted one before any weight grows, and largest fraction of samples with a larger
+one (assumed: it is 0.001 in motions of up to 2 Hz, and 0.1 where a machine reverses quickly)."""
 MAX_OVERSHOOT, MAX_WEIGHT_RATIO = 1.05, 4.0
 """Largest deviation of the curve over the permitted one, and largest ratio by which a weight grows at a time."""
 N_DIFFERENCES = 3
@@ -51,7 +54,7 @@ def smooth_quantized_inputs(trial: Trial, *, with_commands: bool = False) -> Tri
     return replace(
         trial,
         prescribed={
-            name: _smooth(series) if with_commands or not name.startswith(COMMAND_PREFIX) else series
+            name: series if name.startswith(COMMAND_PREFIX) and not with_commands else _smooth(series) or series
             for name, series in trial.prescribed.items()
         },
     )
@@ -60,7 +63,7 @@ def smooth_quantized_inputs(trial: Trial, *, with_commands: bool = False) -> Tri
 def has_quantized_commands(trials: Sequence[Trial]) -> bool:
     """Return whether a command of ``trials`` changes in few steps."""
     return any(
-        name.startswith(COMMAND_PREFIX) and _find_step(series) is not None
+        name.startswith(COMMAND_PREFIX) and _smooth(series) is not None
         for trial in trials
         for name, series in trial.prescribed.items()
     )
@@ -71,8 +74,10 @@ def describe_quantized_inputs(trials: Sequence[Trial], *, with_commands: bool = 
     levels: dict[str, int] = {}
     for trial in trials:
         for name, series in trial.prescribed.items():
-            step = _find_step(series) if with_commands or not name.startswith(COMMAND_PREFIX) else None
-            if step is not None:
+            if name.startswith(COMMAND_PREFIX) and not with_commands:
+                continue
+            step = _find_step(series)
+            if step is not None and _smooth(series) is not None:
                 levels[name] = max(levels.get(name, 0), round(float(np.ptp(series.value)) / step))
     if not levels:
         return []
@@ -80,14 +85,16 @@ def describe_quantized_inputs(trials: Sequence[Trial], *, with_commands: bool = 
     return [f"These inputs were recorded in few steps and are taken to be smooth: {names}."]
 
 
-def _smooth(series: TimeSeries) -> TimeSeries:
+def _smooth(series: TimeSeries) -> TimeSeries | None:
+    """Return the smooth ``series``; None where it does not change in few steps, or moves too quickly."""
     step = _find_step(series)
     if step is None:
-        return series
+        return None
     noise = _estimate_noise(series.value, step)
     half_width = step * (0.5 + NOISE_SIGMAS * float(np.sqrt(max(0.0, noise**2 - STEP_NOISE**2))))
     smoothness = (2.0 * np.pi * CUTOFF_HZ * series.sampling_interval) ** (-2 * N_DIFFERENCES)
-    return series._replace(value=find_smoothest_curve(series.value, half_width, smoothness))
+    curve = find_smoothest_curve(series.value, half_width, smoothness)
+    return None if curve is None else series._replace(value=curve)
 
 
 def _find_step(series: TimeSeries) -> float | None:
@@ -119,19 +126,22 @@ def _estimate_noise(value: Array, step: float) -> float:
     return float(np.sqrt(np.mean(third**2) / comb(2 * N_DIFFERENCES, N_DIFFERENCES)))
 
 
-def find_smoothest_curve(values: Array, half_width: float, smoothness: float) -> Array:
+def find_smoothest_curve(values: Array, half_width: float, smoothness: float) -> Array | None:
     """Return the smoothest curve within ``half_width`` of ``values`` (n,): (n,), equally spaced, in the same unit.
 
-    ``smoothness`` is the weight of the squared third differences.
+    ``smoothness`` is the weight of the squared third differences. None where a curve without regard to ``half_width``
+    misses too many ``values``: a quick motion is not smooth.
     """
     n = len(values)
     penalty = smoothness * _compute_gram_matrix(n)
     weights, curve = np.ones(n), values
-    for _ in range(N_REWEIGHTINGS):
+    for index in range(N_REWEIGHTINGS):
         matrix = penalty.copy()
         matrix[0] += weights
         curve = solveh_banded(matrix, weights * values, lower=True)
         overshoot = np.abs(curve - values) / half_width
+        if index == 0 and np.mean(overshoot > MISSED_OVERSHOOT) > MAX_MISSED_FRACTION:
+            return None
         if overshoot.max() <= MAX_OVERSHOOT:
             break
         weights *= np.clip(overshoot, 1.0, MAX_WEIGHT_RATIO) ** 2
