@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
 from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
-from klute_sim.diagnosis.noise.filtered_noise import describe_low_pass_filters, detect_low_pass_filters
+from klute_sim.diagnosis.noise.filtered_noise import detect_low_pass_filters
 
 RATE_HZ, DURATION_S = 500.0, 15.0
 TIME = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
@@ -59,7 +59,6 @@ def test_channels_with_the_same_filter_show_it_together() -> None:
     assert filters.keys() == pairs.keys()
     assert len(set(filters.values())) == 1
     assert filters["force"].cutoff == pytest.approx(10.0, rel=0.05)
-    assert describe_low_pass_filters(filters)
 
 
 def test_channels_with_other_filters_have_their_own() -> None:

@@ -29,6 +29,7 @@ from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.filter_refinement import refine_filters
 from klute_sim.diagnosis.final_model import (
     FinalModel,
     select_adequate_model,
@@ -134,9 +135,8 @@ def _run_workflow(
     if data_quality.has_repeats(fitted):
         if dataset.rig != "gait":  # strides differ by more than noise
             rates = {n: 1.0 / series.sampling_interval for t in dataset.trials for n, series in t.measured.items()}
-            experiments, filters = add_low_pass_filters(experiments, fitted, rates, simulator)
+            experiments = add_low_pass_filters(experiments, fitted, rates, simulator)
             fitted = [e for e in experiments if e.use == "fit" and e.measured]
-            reasons += describe_low_pass_filters(filters)
         experiments, quantizers = detect_quantizers(experiments, fitted, simulator)
     progress(0.1, "fitting the device without added effects")
 
@@ -146,7 +146,8 @@ def _run_workflow(
     def search_model(prepared: Preparation) -> Outcome:
         return _search_model(dataset, prepared, options, progress)
 
-    linear = prepare(experiments)
+    linear = refine_filters(prepare(experiments), prepare)
+    reasons += describe_low_pass_filters(linear.experiments)
     hold = prepare_zero_order_hold(linear, prepare)
     outcome = search_model(hold[0] if hold else linear)
     if hold:

@@ -68,8 +68,8 @@ def add_low_pass_filters(
     fit_experiments: Sequence[Experiment],
     sampling_rates: Mapping[str, float],
     simulator: Simulator,
-) -> tuple[list[Experiment], dict[str, LowPassFilter]]:
-    """Return ``experiments`` with the filters detected in ``fit_experiments``, and the filter of each such channel.
+) -> list[Experiment]:
+    """Return ``experiments`` with the filters detected in ``fit_experiments``.
 
     ``sampling_rates`` [Hz] are those of the measured channels before samples were left out. Samples near the ends of a
     filtered record are left out. Channels without repeats get no filter.
@@ -82,7 +82,7 @@ def add_low_pass_filters(
         # Residuals contain the noise of the recorded inputs, and values what differs between the inputs.
         differences[channel] = min(candidates, key=lambda rows: float(np.sum([change @ change for _, change in rows])))
     filters = detect_low_pass_filters(differences, sampling_rates)
-    return [_add_filters(e, filters) if filters else e for e in experiments], filters
+    return [_add_filters(e, filters) if filters else e for e in experiments]
 
 
 def _compute_residuals(experiments: Sequence[Experiment], simulator: Simulator) -> list[dict[str, Array]]:
@@ -113,8 +113,9 @@ def _add_filters(experiment: Experiment, filters: Mapping[str, LowPassFilter]) -
     return replace(experiment, measured=measured, filters=filters)
 
 
-def describe_low_pass_filters(filters: Mapping[str, LowPassFilter]) -> list[str]:
-    """Return a sentence about the ``filters`` of the channels; none without any."""
+def describe_low_pass_filters(experiments: Sequence[Experiment]) -> list[str]:
+    """Return a sentence about the channels of ``experiments`` that were filtered; none without any."""
+    filters = dict(item for e in experiments for item in e.filters.items())
     if not filters:
         return []
     names = ", ".join(f"'{channel}' ({found.cutoff:.2g} Hz)" for channel, found in filters.items())
