@@ -1,8 +1,8 @@
 """Low-pass filters of channels, detected from the spectrum of their noise.
 
 A filter rounds what is fast in a signal, as the jump of a dry friction, in all repeats alike, so a simulation must go
-through the same filter. The noise shows it: it was white before, and its spectrum has the shape of the filter. Repeats
-are compared by their residuals, so that inputs that differ count as little as in any estimate of the noise.
+through the same filter. The noise shows it: it was white before, possibly with a lag of the sensor, and its spectrum
+has the shape of the filter. It is the difference between repeats, of their residuals where their inputs differ.
 """
 
 from collections.abc import Mapping, Sequence
@@ -191,7 +191,7 @@ def _cut_spectrum(spectrum: _Spectrum) -> _Spectrum:
     n_lowest = int(np.searchsorted(np.cumsum(spectrum.n_averaged), MIN_PASS_BINS)) + 1
     lowest = float(np.average(spectrum.power[:n_lowest], weights=spectrum.n_averaged[:n_lowest]))
     below = np.flatnonzero(spectrum.power < MIN_POWER_FRACTION * lowest)
-    end = below[0] if len(below) else len(spectrum.power)
+    end = max(n_lowest, int(below[0])) if len(below) else len(spectrum.power)
     return _Spectrum(*(values[:end] for values in spectrum))
 
 
