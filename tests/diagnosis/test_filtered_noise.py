@@ -61,6 +61,18 @@ def test_channels_with_the_same_filter_show_it_together() -> None:
     assert filters["force"].cutoff == pytest.approx(10.0, rel=0.05)
 
 
+def test_channel_with_a_lag_has_the_filter_of_the_others() -> None:
+    """Its own noise shows the filter badly; a channel without filter gets none."""
+    forces = [filter_twice(make_noise(k), 10.0, 2) for k in range(2)]
+    pressures = [filter_twice(lfilter([0.06], [1.0, -0.94], make_noise(k)), 10.0, 2) for k in range(2, 4)]  # 5 Hz
+    lengths = [make_noise(k) for k in range(4, 6)]
+    pairs = {"force": forces, "pressure": pressures, "muscle_length": lengths}
+    differences = {name: [(TIME, one - other)] for name, (one, other) in pairs.items()}
+    filters = detect_low_pass_filters(differences, dict.fromkeys(pairs, RATE_HZ))
+    assert filters.keys() == {"force", "pressure"}
+    assert filters["pressure"] == filters["force"]
+
+
 def test_channels_with_other_filters_have_their_own() -> None:
     forces, pressures = ([filter_twice(make_noise(k), cutoff, 2) for k in range(2)] for cutoff in (6.0, 20.0))
     differences = {"force": [(TIME, forces[0] - forces[1])], "pressure": [(TIME, pressures[0] - pressures[1])]}

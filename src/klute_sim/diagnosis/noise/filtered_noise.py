@@ -32,8 +32,7 @@ POLE_FACTORS = np.inf, 4.0, 2.0, 1.0, 0.5
 """Frequencies above which the noise before the filter falls, as that of a sensor with a lag, over the cut-off
 frequency."""
 MAX_COMMON_LOSS = 4.0
-"""Mean fall of the logarithm of the likelihood of each channel up to which channels went through the same filter
-(assumed)."""
+"""Fall of the logarithm of the likelihood of a channel up to which it went through the filter of others (assumed)."""
 N_BANDS = 200
 """Number of bands, evenly spaced on a logarithmic scale, in which the frequencies of a spectrum are averaged."""
 MIN_PASS_BINS = 10
@@ -146,25 +145,31 @@ def detect_low_pass_filters(
 
     ``differences`` between repeats are pairs of times [s] (n,) and values [SI] (n,); ``sampling_rates`` [Hz] are those
     of the filters. Channels share a filter where that is nearly as likely, because the noise of one shows it to a few
-    per cent only.
+    per cent only, and noise that is not white beside it not at all.
     """
-    spectra, filters = {}, {}
+    spectra, likeliest, filters = {}, {}, {}
     for channel, rows in differences.items():
         own = [s for s in (_compute_spectrum(*difference) for difference in rows) if s is not None]
-        found = _find_filter(own, sampling_rates[channel]) if own else None
-        if found is not None:
-            spectra[channel], filters[channel] = [_cut_spectrum(s) for s in own], found
-    if len(filters) > 1 and np.ptp([sampling_rates[channel] for channel in filters]) == 0.0:
-        pooled = [spectrum for own in spectra.values() for spectrum in own]
-        common = _fit_filter(pooled, next(iter(filters.values())))
-        loss = _compute_misfit(pooled, common) - sum(_compute_misfit(spectra[c], f) for c, f in filters.items())
-        if loss <= MAX_COMMON_LOSS * len(filters):
-            return dict.fromkeys(filters, common)
+        found = _find_likeliest(own, sampling_rates[channel]) if own else None
+        if found is None:
+            continue
+        spectra[channel], likeliest[channel] = [_cut_spectrum(s) for s in own], found
+        if found.order >= MIN_ORDER and _has_shape(own, found.cutoff):
+            filters[channel] = found
+    if not filters:
+        return {}
+    start = next(iter(filters.values()))
+    common = _fit_filter([s for channel in filters for s in spectra[channel]], start)
+    losses = {c: _compute_misfit(own, common) - _compute_misfit(own, likeliest[c]) for c, own in spectra.items()}
+    is_shared = all(losses[channel] <= MAX_COMMON_LOSS for channel in filters)
+    for channel, loss in losses.items():
+        if loss <= MAX_COMMON_LOSS and (is_shared or channel not in filters):
+            filters[channel] = replace(common, sampling_rate=sampling_rates[channel])
     return filters
 
 
-def _find_filter(spectra: Sequence[_Spectrum], sampling_rate: float) -> LowPassFilter | None:
-    """Return the filter that one channel with ``spectra`` went through; None where they do not show one."""
+def _find_likeliest(spectra: Sequence[_Spectrum], sampling_rate: float) -> LowPassFilter | None:
+    """Return the most likely filter of one channel with ``spectra``; None where they show none with a stop band."""
     nyquist = min(s.frequency[-1] for s in spectra)
     lowest = max(MIN_PASS_BINS * 2.0 * s.frequency[0] for s in spectra)
     if lowest >= nyquist:
@@ -176,8 +181,7 @@ def _find_filter(spectra: Sequence[_Spectrum], sampling_rate: float) -> LowPassF
         for cutoff in np.geomspace(lowest, nyquist, N_CUTOFFS)[:-1]
     ]
     best = _fit_filter(passed, min(coarse, key=lambda tried: _compute_misfit(passed, tried)))
-    has_filter = best.order >= MIN_ORDER and best.cutoff < MAX_CUTOFF_NYQUIST_FRACTION * nyquist
-    return best if has_filter and _has_shape(spectra, best.cutoff) else None
+    return best if best.cutoff < MAX_CUTOFF_NYQUIST_FRACTION * nyquist else None
 
 
 def _fit_filter(spectra: Sequence[_Spectrum], start: LowPassFilter) -> LowPassFilter:
