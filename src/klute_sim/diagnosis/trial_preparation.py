@@ -1,9 +1,12 @@
 """Preparation of the trials of a dataset, and what their recordings show of instruments and controllers."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from klute_sim.datasets.dataset import Dataset
 from klute_sim.datasets.split import Split
+from klute_sim.datasets.trial import Trial
 from klute_sim.diagnosis.command_delay import is_pressure
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.held_samples import describe_held_samples
@@ -37,6 +40,15 @@ def prepare_trials(dataset: Dataset, split: Split, simulator: Simulator) -> tupl
         *describe_mains_hum(dataset.trials),
         *describe_quantized_inputs(dataset.trials, with_commands=has_smooth_commands),
     ]
+
+
+def collect_sampling_rates(trials: Sequence[Trial]) -> dict[str, float]:
+    """Return measured channel -> its highest sampling rate in ``trials`` [Hz]."""
+    rates: dict[str, float] = {}
+    for trial in trials:
+        for channel, series in trial.measured.items():
+            rates[channel] = max(rates.get(channel, 0.0), 1.0 / series.sampling_interval)
+    return rates
 
 
 def _compute_pressure_square(experiments: list[Experiment], simulator: Simulator) -> float:

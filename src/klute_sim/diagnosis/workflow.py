@@ -83,7 +83,7 @@ from klute_sim.diagnosis.selection.candidates import (
 from klute_sim.diagnosis.selection.deviating_specimen import find_deviating_specimen
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import has_several_specimens
-from klute_sim.diagnosis.trial_preparation import prepare_trials
+from klute_sim.diagnosis.trial_preparation import collect_sampling_rates, prepare_trials
 from klute_sim.types import ProgressCallback
 
 
@@ -134,7 +134,7 @@ def _run_workflow(
     quantizers: dict[str, Quantizer] = {}
     if data_quality.has_repeats(fitted):
         if dataset.rig != "gait":  # strides differ by more than noise
-            rates = {n: 1.0 / series.sampling_interval for t in dataset.trials for n, series in t.measured.items()}
+            rates = collect_sampling_rates(dataset.trials)
             experiments = add_low_pass_filters(experiments, fitted, rates, simulator)
             fitted = [e for e in experiments if e.use == "fit" and e.measured]
         experiments, quantizers = detect_quantizers(experiments, fitted, simulator)

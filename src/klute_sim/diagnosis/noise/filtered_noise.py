@@ -49,8 +49,9 @@ MAX_CUTOFF_NYQUIST_FRACTION = 0.5
 """Largest cut-off frequency, as a fraction of half the sampling rate."""
 MIN_POWER_FRACTION = 1e-4
 """Power, over that of the lowest frequencies, below which a spectrum ends for a fit: beyond, other noise begins."""
-FLOOR_FRACTIONS = np.append(0.0, np.geomspace(MIN_POWER_FRACTION, 1e-2, 5))
-"""Power of the noise behind the filter, such as that of the last digit, over the power before it, that is tried."""
+FLOOR_FRACTIONS = np.append(1e-12, np.geomspace(MIN_POWER_FRACTION, 1e-2, 5))
+"""Power of the noise behind the filter, such as that of the last digit, over the power before it, that is tried; the
+first one is that of rounding errors."""
 
 
 class _Spectrum(NamedTuple):
