@@ -121,7 +121,7 @@ def describe_low_pass_filters(experiments: Sequence[Experiment]) -> list[str]:
     names = ", ".join(f"'{channel}' ({found.cutoff:.2g} Hz)" for channel, found in filters.items())
     return [
         f"The noise shows that these channels were low-pass filtered, so the simulation is filtered alike: {names}. "
-        "It is taken to have no delay (zero lag); the delay of an amplifier has a name of its own."
+        "It is taken to have no delay (zero lag); state that of an amplifier in [delay]."
     ]
 
 
