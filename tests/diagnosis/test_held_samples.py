@@ -1,13 +1,11 @@
 """Channels of instruments that are slower than the log: only readings count, and commands stay as they are."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from klute_sim.datasets.trial import TimeSeries, Trial
-from klute_sim.device.device import load_device
+from klute_sim.datasets.trial import Trial
 from klute_sim.diagnosis.experiments.held_samples import describe_held_samples, drop_held_samples
+from tests.diagnosis.synthetic_trial import make_trial as make_trial_at
 
 INTERVAL_S, N = 1e-3, 3000
 TIME = INTERVAL_S * np.arange(float(N))
@@ -19,18 +17,7 @@ def hold(values: np.ndarray, n_held: int) -> np.ndarray:
 
 
 def make_trial(length: np.ndarray, **measured: np.ndarray) -> Trial:
-    return Trial(
-        name="t",
-        group="t",
-        use="fit",
-        device=load_device("klute-3-4-pair"),
-        files=(Path("t.csv"),),
-        prescribed={
-            "length": TimeSeries(TIME, length),
-            "pressure_command": TimeSeries(TIME, hold(2e5 + 1e5 * np.sin(3.0 * TIME), 10)),
-        },
-        measured={name: TimeSeries(TIME, values) for name, values in measured.items()},
-    )
+    return make_trial_at(TIME, length, hold(2e5 + 1e5 * np.sin(3.0 * TIME), 10), **measured)
 
 
 @pytest.mark.parametrize("n_held", [2, 5, 10, 20])

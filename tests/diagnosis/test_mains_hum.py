@@ -1,15 +1,13 @@
 """The hum of the mains is subtracted; motions and noise stay."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from klute_sim.datasets.trial import TimeSeries, Trial
-from klute_sim.device.device import load_device
+from klute_sim.datasets.trial import Trial
 from klute_sim.diagnosis.experiments.mains_hum import describe_mains_hum, remove_mains_hum
+from tests.diagnosis.synthetic_trial import make_trial as make_trial_at
 
 RATE_HZ, DURATION_S = 500.0, 12.0
 TIME = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
@@ -17,18 +15,7 @@ MOTION = 900.0 + 300.0 * np.sin(2.0 * np.pi * 0.7 * TIME)
 
 
 def make_trial(time: np.ndarray, **measured: np.ndarray) -> Trial:
-    return Trial(
-        name="t",
-        group="t",
-        use="fit",
-        device=load_device("klute-3-4-pair"),
-        files=(Path("t.csv"),),
-        prescribed={
-            "length": TimeSeries(time, 0.35 + 0.0 * time),
-            "pressure_command": TimeSeries(time, 2e5 + 0.0 * time),
-        },
-        measured={name: TimeSeries(time, values) for name, values in measured.items()},
-    )
+    return make_trial_at(time, np.full(len(time), 0.35), np.full(len(time), 2e5), **measured)
 
 
 def make_hum(frequency: float, amplitude: float, phase: float = 1.0) -> np.ndarray:

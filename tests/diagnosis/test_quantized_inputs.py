@@ -1,19 +1,17 @@
 """Motions whose instrument shows few steps become smooth; others stay as they are."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from klute_sim.datasets.trial import TimeSeries, Trial
-from klute_sim.device.device import load_device
+from klute_sim.datasets.trial import Trial
 from klute_sim.diagnosis.experiments.quantized_inputs import (
     describe_quantized_inputs,
     find_smoothest_curve,
     smooth_quantized_inputs,
 )
+from tests.diagnosis.synthetic_trial import make_trial as make_trial_at
 
 TIME = np.arange(0.0, 15.0, 2e-3)
 MOTION = 0.35 + 0.006 * np.sin(2.0 * np.pi * 0.6 * TIME) + 0.004 * np.sin(2.0 * np.pi * 1.1 * TIME + 1.0)
@@ -22,15 +20,7 @@ RAMPS = 0.35 + 0.01 * np.abs((TIME / 5.0) % 2.0 - 1.0)
 
 def make_trial(length: np.ndarray, time: np.ndarray = TIME) -> Trial:
     command = np.round(2e5 + 1e5 * np.sin(time), -4)
-    return Trial(
-        name="t",
-        group="t",
-        use="fit",
-        device=load_device("klute-3-4-pair"),
-        files=(Path("t.csv"),),
-        prescribed={"length": TimeSeries(time, length), "pressure_command": TimeSeries(time, command)},
-        measured={"force": TimeSeries(time, np.round(900.0 + 300.0 * np.sin(time)))},
-    )
+    return make_trial_at(time, length, command, force=np.round(900.0 + 300.0 * np.sin(time)))
 
 
 def smooth(length: np.ndarray, time: np.ndarray = TIME) -> np.ndarray:
