@@ -4,23 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import butter, sosfiltfilt
 
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
-
-RATE_HZ, DURATION_S = 500.0, 15.0
-TIME = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
-MOTION = 900.0 + 300.0 * np.sin(2.0 * np.pi * 0.7 * TIME)
-REVERSALS = MOTION + 40.0 * np.sign(np.cos(2.0 * np.pi * 0.7 * TIME))
-
-
-def filter_twice(values: np.ndarray, cutoff: float, order: int) -> np.ndarray:
-    return sosfiltfilt(butter(order, cutoff, fs=RATE_HZ, output="sos"), values)
-
-
-def make_noise(seed: int) -> np.ndarray:
-    return np.random.default_rng(seed).normal(0.0, 4.0, len(TIME))
+from tests.diagnosis.filtered_signals import DURATION_S, MOTION, RATE_HZ, REVERSALS, TIME, filter_twice, make_noise
 
 
 @pytest.mark.parametrize("order", [1, 2, 4])
