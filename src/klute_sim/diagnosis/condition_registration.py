@@ -1,13 +1,12 @@
 """Registration that differs between conditions: other plates, markers or specimens mounted anew, zeros set anew.
 
-It is told, and not corrected: an effect of what is constant within each condition, as of its pressure, looks alike.
+It is reported, and not corrected: an effect of what is constant within each condition, as of its pressure, looks alike.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from klute_sim.datasets.unit_conversion import get_conversion_factor
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.experiments.bench import LENGTH_PERTURBATION, BenchExperiment
 from klute_sim.diagnosis.experiments.registration import COMMAND_DELAY, REGISTRATION_WORDS
@@ -24,7 +23,7 @@ MIN_SPREAD_SIGMAS = 1.0
 MIN_ZERO_SHARE = 0.8
 """Smallest share of the misfit that zeros of their own must take to be reported (assumed)."""
 MIN_ZERO_GAIN = 10.0
-"""Smallest fall of chi squared by each zero; noise makes each fall by about 1."""
+"""Smallest fall of chi squared by each zero (assumed: noise makes each fall by about 1)."""
 MIN_CONDITIONS = 3
 """Fewest conditions whose zeros tell anything (assumed): two zeros take most of any error of the force."""
 LENGTH = "length"
@@ -84,11 +83,8 @@ def describe_condition_zeros(data: WeightedData, base_fit: Fit) -> list[str]:
     share = gain / misfit
     if share < MIN_ZERO_SHARE or gain < MIN_ZERO_GAIN * len(groups):
         return []
-    unit = "mm" if channel == LENGTH else CHANNEL_UNITS[channel][0]
-    factor = get_conversion_factor("mm", "m") if channel == LENGTH else CHANNEL_UNITS[channel][1]
-    errors = [
-        f"{-change / (factor or 1.0):+.2g} {unit} in '{group}'" for group, change in zip(groups, changes, strict=True)
-    ]
+    unit, factor = ("mm", 1e-3) if channel == LENGTH else CHANNEL_UNITS[channel]
+    errors = [f"{-change / factor:+.2g} {unit} in '{group}'" for group, change in zip(groups, changes, strict=True)]
     return [
         f"A zero of '{channel}' of its own in each condition would take {100.0 * min(share, 1.0):.0f} % of the misfit: "
         f"it reads {', '.join(errors)}. Was it set anew between conditions? Then correct each zero by a calibration. "

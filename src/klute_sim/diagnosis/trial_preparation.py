@@ -11,7 +11,7 @@ from klute_sim.diagnosis.command_delay import is_pressure
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.held_samples import describe_held_samples
 from klute_sim.diagnosis.experiments.mains_hum import describe_mains_hum
-from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.prepare import clean_recordings, prepare_experiments
 from klute_sim.diagnosis.experiments.quantized_inputs import describe_quantized_inputs, has_quantized_commands
 from klute_sim.diagnosis.experiments.simulator import Simulator
 
@@ -30,7 +30,8 @@ def prepare_trials(dataset: Dataset, split: Split, simulator: Simulator) -> tupl
     """
     experiments = prepare_experiments(dataset, split)
     has_smooth_commands = False
-    if has_quantized_commands(dataset.trials):
+    cleaned = clean_recordings(dataset.trials)
+    if has_quantized_commands(cleaned):
         smooth = prepare_experiments(dataset, split, smooths_commands=True)
         squares = [_compute_pressure_square(trials, simulator) for trials in (experiments, smooth)]
         has_smooth_commands = squares[1] < MAX_SQUARE_RATIO * squares[0]
@@ -38,7 +39,7 @@ def prepare_trials(dataset: Dataset, split: Split, simulator: Simulator) -> tupl
     return experiments, [
         *describe_held_samples(dataset.trials),
         *describe_mains_hum(dataset.trials),
-        *describe_quantized_inputs(dataset.trials, with_commands=has_smooth_commands),
+        *describe_quantized_inputs(cleaned, with_commands=has_smooth_commands),
     ]
 
 

@@ -1,6 +1,6 @@
 """Preparation of all trials of a dataset for simulation on its rig."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -49,11 +49,15 @@ def prepare_experiments(dataset: Dataset, split: Split, *, smooths_commands: boo
     uses |= dict.fromkeys(split.validation, "validation")
     uses |= dict.fromkeys(split.test, "test")
     trials = [
-        smooth_quantized_inputs(remove_mains_hum(drop_held_samples(trial)), with_commands=smooths_commands)
-        for trial in dataset.trials
+        smooth_quantized_inputs(trial, with_commands=smooths_commands) for trial in clean_recordings(dataset.trials)
     ]
     experiments = [_prepare_trial(trial, uses[trial.name], dataset) for trial in trials]
     return [e.with_repeats([other for other in experiments if other.group == e.group]) for e in experiments]
+
+
+def clean_recordings(trials: Sequence[Trial]) -> list[Trial]:
+    """Return ``trials`` without the readings that a log repeats, and without the hum of the mains."""
+    return [remove_mains_hum(drop_held_samples(trial)) for trial in trials]
 
 
 def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:

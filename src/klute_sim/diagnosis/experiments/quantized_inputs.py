@@ -42,7 +42,7 @@ N_REWEIGHTINGS = 40
 """Largest number of times that the weights grow."""
 MISSED_OVERSHOOT, MAX_MISSED_FRACTION = 1.5, 0.01
 """Deviation of the curve over the permitted one before any weight grows, and largest fraction of samples with a larger
-one (assumed: it is 0.001 in motions of up to 2 Hz, and 0.1 where a machine reverses quickly)."""
+one (assumed: it was 0.001 in motions of up to 1.2 Hz, and 0.1 where a machine reversed quickly)."""
 MAX_OVERSHOOT, MAX_WEIGHT_RATIO = 1.05, 4.0
 """Largest deviation of the curve over the permitted one, and largest ratio by which a weight grows at a time."""
 N_DIFFERENCES = 3

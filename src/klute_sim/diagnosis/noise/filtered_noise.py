@@ -23,7 +23,7 @@ from klute_sim.types import Array
 ORDERS = 1, 2, 3, 4
 """Orders of a Butterworth filter in each of its two passes, forward and backward."""
 MIN_ORDER = 2
-"""Smallest order of a filter: devices and instruments make noise with a spectrum of the first."""
+"""Smallest order of a filter: devices and instruments make noise with a spectrum of the first (assumed)."""
 N_CUTOFFS = 60
 """Number of cut-off frequencies that are tried."""
 CUTOFF_FACTORS = np.geomspace(0.8, 1.25, 61)
@@ -36,9 +36,9 @@ MAX_COMMON_LOSS = 4.0
 N_BANDS = 200
 """Number of bands, evenly spaced on a logarithmic scale, in which the frequencies of a spectrum are averaged."""
 MIN_PASS_BINS = 10
-"""Fewest frequencies of a spectrum below half the cut-off, which show whether the noise was white."""
+"""Fewest frequencies of a spectrum below half the cut-off, which show whether the noise was white (assumed)."""
 MIN_STOP_FRACTION = 0.9
-"""Part of the spectrum above which the noise is gone."""
+"""Part of the spectrum above which the noise is gone (assumed)."""
 MIN_SAMPLES = 120
 """Fewest samples of a record whose spectrum shows a filter (assumed)."""
 MAX_PASS_RATIO = 3.0
@@ -46,7 +46,7 @@ MAX_PASS_RATIO = 3.0
 MIN_STOP_RATIO = 100.0
 """Smallest ratio of the power of the noise in this band to that at the highest frequencies (assumed)."""
 MAX_CUTOFF_NYQUIST_FRACTION = 0.5
-"""Largest cut-off frequency, as a fraction of half the sampling rate."""
+"""Largest cut-off frequency, as a fraction of half the sampling rate (assumed)."""
 MIN_POWER_FRACTION = 1e-4
 """Power, over that of the lowest frequencies, below which a spectrum ends for a fit: beyond, other noise begins."""
 FLOOR_FRACTIONS = np.append(1e-12, np.geomspace(MIN_POWER_FRACTION, 1e-2, 5))
