@@ -10,8 +10,8 @@ of all of them, which ``--finished`` scores. ``--shard 2/4`` processes the secon
 machines that share OUT. Thresholds are set on the development split; the test split is for published numbers. The
 ground truth is read only after the verdict is saved. The direct measurements that an `indistinguishable` verdict lists
 are made as a follow-up, which takes a laboratory minutes; without any, the decisive experiment that it proposes is
-performed. ``--finished`` scores stored results of any code and diagnoses nothing; OUT can be an unpacked archive of
-``results/``.
+performed. ``--finished`` scores stored results of any code and diagnoses nothing; OUT can hold unpacked archives of
+``results/``, whose seeds are then named together (``--seed 5656 9797``).
 ``--baselines`` adds other methods (:mod:`baselines`), which require ``pip install --group benchmark`` and test benches.
 """
 
@@ -317,7 +317,7 @@ def main() -> None:
     parser.add_argument("--block", choices=tuple(BLOCK_SIZES), action="append", help="may be repeated  [default: all]")
     parser.add_argument("--count", type=int, help="datasets of every block  [default: as many as tell enough]")
     parser.add_argument("--split", choices=tuple(SPLIT_SEEDS), default="development", help="[default: development]")
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of your own in place of that of the split")
+    parser.add_argument("--seed", type=int, nargs="+", metavar="N", help="seeds of your own in place of the split's")
     parser.add_argument("--shard", default="1/1", metavar="I/N", help="do the I-th of N parts  [default: 1/1]")
     parser.add_argument("--at-once", type=int, default=1, metavar="N", help="datasets at once  [default: 1]")
     parser.add_argument("--baselines", action="store_true", help="run the other methods, too")
@@ -330,9 +330,9 @@ def main() -> None:
     except ModuleNotFoundError as error:
         parser.error(str(error))
     blocks = [block for block in arguments.block or BLOCK_SIZES if not (methods and get_rig(block) != "bench")]
-    seed = SPLIT_SEEDS[arguments.split] if arguments.seed is None else arguments.seed
+    seeds = arguments.seed or [SPLIT_SEEDS[arguments.split]]
     try:
-        specs = plan_run(blocks, arguments.count, seed, arguments.shard)
+        specs = [spec for seed in seeds for spec in plan_run(blocks, arguments.count, seed, arguments.shard)]
     except ValueError as error:
         parser.error(str(error))
     console = Console(stderr=True)
@@ -363,11 +363,12 @@ def main() -> None:
         others = {method: [method_results[method] for _, method_results in completed] for method in methods}
     if not rows:
         parser.error(
-            f"{arguments.out / 'results'} has no result of seed {seed} in these blocks; see --seed and --split"
+            f"{arguments.out / 'results'} has no result of seed {', '.join(map(str, seeds))} in these blocks; see "
+            "--seed and --split"
         )
     if arguments.page:
         head = {
-            "split": arguments.split if arguments.seed is None else f"seed {seed}",
+            "split": ", ".join(f"seed {seed}" for seed in arguments.seed) if arguments.seed else arguments.split,
             "datasets": f"{len(rows)} of {len(specs)} planned",
         }
         if arguments.finished:

@@ -1,7 +1,7 @@
-"""A force with the jumps of dry friction, noise, and the filter of usual data processing."""
+"""A force with the jumps of dry friction, noise, and the filters of usual data processing and of amplifiers."""
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import bessel, butter, sosfilt, sosfilt_zi, sosfiltfilt
 
 RATE_HZ, DURATION_S = 500.0, 15.0
 TIME = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
@@ -12,6 +12,15 @@ REVERSALS = MOTION + 40.0 * np.sign(np.cos(2.0 * np.pi * 0.7 * TIME))
 def filter_twice(values: np.ndarray, cutoff: float, order: int) -> np.ndarray:
     """Return ``values`` (n,) through a Butterworth filter of ``order``, forward and backward, at ``cutoff`` [Hz]."""
     return sosfiltfilt(butter(order, cutoff, fs=RATE_HZ, output="sos"), values)
+
+
+def amplify(values: np.ndarray, cutoff: float, order: int, kind: str = "butterworth") -> np.ndarray:
+    """Return ``values`` (n,) through the filter of an amplifier, which has a delay; ``kind`` may be ``"bessel"``."""
+    if kind == "bessel":
+        sections = bessel(order, cutoff, fs=RATE_HZ, norm="mag", output="sos")
+    else:
+        sections = butter(order, cutoff, fs=RATE_HZ, output="sos")
+    return sosfilt(sections, values, zi=values[0] * sosfilt_zi(sections))[0]
 
 
 def make_noise(seed: int) -> np.ndarray:

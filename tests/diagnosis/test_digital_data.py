@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import bessel, butter, sosfilt, sosfilt_zi, sosfiltfilt
 
 import klute_sim as ks
 from klute_sim.datasets.write import write_trial
@@ -110,4 +110,18 @@ def test_low_pass_filter(tmp_path: Path, cutoff_hz: float) -> None:
     result = ks.diagnose(filtered)
     assert result.verdict == "nothing-missing", result.reasons
     (found,) = re.findall(r"'force' \(([\d.]+) Hz\)", " ".join(result.reasons))
+    assert float(found) == pytest.approx(cutoff_hz, rel=0.1)
+
+
+@pytest.mark.parametrize(("cutoff_hz", "kind"), [(10.0, "butterworth"), (30.0, "bessel")])
+def test_filter_of_an_amplifier(tmp_path: Path, cutoff_hz: float, kind: str) -> None:
+    rate = {"fs": 1.0 / STEP_S, "output": "sos"}
+    sections = butter(4, cutoff_hz, **rate) if kind == "butterworth" else bessel(4, cutoff_hz, norm="mag", **rate)
+
+    def amplify(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sosfilt(sections, values, zi=values[0] * sosfilt_zi(sections))[0]
+
+    result = ks.diagnose(write_clean_dataset(tmp_path / "data", log_interval=2, change=amplify))
+    assert result.verdict == "nothing-missing", result.reasons
+    (found,) = re.findall(r"'force' \(([\d.]+) Hz, delay", " ".join(result.reasons))
     assert float(found) == pytest.approx(cutoff_hz, rel=0.1)

@@ -29,47 +29,83 @@ def simulator() -> Iterator[Simulator]:
     simulator.close()
 
 
-def filter_channels(e: Experiment, assumed_cutoff: float) -> Experiment:
-    """Return ``e`` whose channels went through a filter, with another cut-off frequency [Hz] assumed."""
-    true_filter = LowPassFilter(CUTOFF_HZ, 2, 200.0)
+ZERO_LAG = LowPassFilter(CUTOFF_HZ, 2, 200.0)
+AMPLIFIER = LowPassFilter(CUTOFF_HZ, 4, 200.0, "butterworth")
+
+
+def filter_channels(e: Experiment, true_filter: LowPassFilter, assumed: LowPassFilter) -> Experiment:
+    """Return ``e`` whose channels went through ``true_filter``, with another one assumed."""
     measured = {
         channel: true_filter.trim_ends(series._replace(value=true_filter.apply(series.time, series.value)))
         for channel, series in e.measured.items()
     }
-    return replace(e, measured=measured, filters=dict.fromkeys(measured, LowPassFilter(assumed_cutoff, 2, 200.0)))
+    return replace(e, measured=measured, filters=dict.fromkeys(measured, assumed))
 
 
-def refine(dataset: Dataset, simulator: Simulator, assumed_cutoff: float) -> tuple[Preparation, Preparation]:
+def refine(
+    dataset: Dataset,
+    simulator: Simulator,
+    assumed: LowPassFilter,
+    true_filter: LowPassFilter = ZERO_LAG,
+    other: LowPassFilter | None = None,
+) -> tuple[Preparation, Preparation]:
     experiments = [e for e in prepare_experiments(dataset, split_dataset(dataset)) if e.use == "fit"]
 
     def prepare(trials: list[Experiment]) -> Preparation:
         fit, data = fit_base_device(dataset, trials, simulator)
         return Preparation(trials, data, fit, [])
 
-    before = prepare([filter_channels(e, assumed_cutoff) for e in experiments])
-    return before, refine_filters(before, prepare)
+    before = prepare([filter_channels(e, true_filter, assumed) for e in experiments])
+    channels = experiments[0].measured
+    return before, refine_filters(before, prepare, {} if other is None else dict.fromkeys(channels, other))
+
+
+def get_filter(preparation: Preparation) -> LowPassFilter:
+    (found,) = {each for e in preparation.experiments for each in e.filters.values()}
+    return found
 
 
 @pytest.mark.parametrize("assumed_cutoff", [8.0, 12.0])
 def test_signals_correct_the_cutoff(tmp_path: Path, simulator: Simulator, assumed_cutoff: float) -> None:
     dataset = load_dataset(write_dataset(tmp_path / "data", groups=GROUPS))
-    before, after = refine(dataset, simulator, assumed_cutoff)
+    before, after = refine(dataset, simulator, replace(ZERO_LAG, cutoff=assumed_cutoff))
     assert after is not before
-    cutoffs = {each.cutoff for e in after.experiments for each in e.filters.values()}
-    assert len(cutoffs) == 1
-    assert min(cutoffs) == pytest.approx(CUTOFF_HZ, rel=0.04)
+    assert get_filter(after).cutoff == pytest.approx(CUTOFF_HZ, rel=0.04)
     (sentence,) = describe_low_pass_filters(after.experiments)
-    assert f"'force' ({min(cutoffs):.2g} Hz)" in sentence
+    assert f"'force' ({get_filter(after).cutoff:.2g} Hz)" in sentence
 
 
 def test_right_cutoff_stays(tmp_path: Path, simulator: Simulator) -> None:
-    before, after = refine(load_dataset(write_dataset(tmp_path / "data", groups=GROUPS)), simulator, CUTOFF_HZ)
+    before, after = refine(load_dataset(write_dataset(tmp_path / "data", groups=GROUPS)), simulator, ZERO_LAG)
     assert after is before
 
 
 def test_missing_effect_does_not_move_the_cutoff(tmp_path: Path, simulator: Simulator) -> None:
     data = write_dataset(tmp_path / "data", groups=GROUPS, distort={"force": lambda time, force: 1.05 * force})
-    before, after = refine(load_dataset(data), simulator, 8.0)
+    before, after = refine(load_dataset(data), simulator, replace(ZERO_LAG, cutoff=8.0))
+    assert after is before
+
+
+@pytest.mark.parametrize("force_gain", [1.0, 1.05])
+@pytest.mark.parametrize(("is_aligned", "sentence_end"), [(False, "behind an amplifier."), (True, "were subtracted.")])
+def test_signals_show_the_delay(
+    tmp_path: Path, simulator: Simulator, force_gain: float, is_aligned: bool, sentence_end: str
+) -> None:
+    data = write_dataset(tmp_path / "data", groups=GROUPS, distort={"force": lambda time, force: force_gain * force})
+    true_filter = replace(AMPLIFIER, is_aligned=is_aligned)
+    before, after = refine(load_dataset(data), simulator, ZERO_LAG, true_filter, AMPLIFIER)
+    assert not get_filter(before).has_delay
+    found = get_filter(after)
+    assert (found.kind, found.order, found.is_aligned) == ("butterworth", 4, is_aligned)
+    assert found.cutoff == pytest.approx(CUTOFF_HZ, rel=0.03)
+    (sentence,) = describe_low_pass_filters(after.experiments)
+    assert f"Hz, delay {1e3 * found.delay:.3g} ms" in sentence
+    assert sentence.endswith(sentence_end)
+
+
+def test_filter_without_delay_keeps_none(tmp_path: Path, simulator: Simulator) -> None:
+    data = write_dataset(tmp_path / "data", groups=GROUPS, distort={"force": lambda time, force: 1.05 * force})
+    before, after = refine(load_dataset(data), simulator, ZERO_LAG, ZERO_LAG, AMPLIFIER)
     assert after is before
 
 
@@ -79,6 +115,6 @@ def test_channels_without_filter_stay(tmp_path: Path, simulator: Simulator) -> N
     experiments = [e for e in prepare_experiments(dataset, split_dataset(dataset)) if e.use == "fit"]
     fit, weighted = fit_base_device(dataset, experiments, simulator)
     preparation = Preparation(experiments, weighted, fit, [])
-    assert refine_filters(preparation, lambda trials: pytest.fail("nothing to prepare")) is preparation
+    assert refine_filters(preparation, lambda trials: pytest.fail("nothing to prepare"), {}) is preparation
     assert describe_low_pass_filters(experiments) == []
     assert np.isfinite(fit.chi2)

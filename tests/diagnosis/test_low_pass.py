@@ -1,13 +1,24 @@
 """The gain of a low-pass filter, and what it leaves unchanged."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from klute_sim.datasets.trial import TimeSeries
-from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
-from tests.diagnosis.filtered_signals import DURATION_S, MOTION, RATE_HZ, REVERSALS, TIME, filter_twice, make_noise
+from klute_sim.diagnosis.experiments.low_pass import FilterKind, LowPassFilter
+from tests.diagnosis.filtered_signals import (
+    DURATION_S,
+    MOTION,
+    RATE_HZ,
+    REVERSALS,
+    TIME,
+    amplify,
+    filter_twice,
+    make_noise,
+)
 
 
 @pytest.mark.parametrize("order", [1, 2, 4])
@@ -29,6 +40,41 @@ def test_agrees_with_a_filter_in_both_directions(order: int) -> None:
 def test_lines_pass_unchanged(offset: float, slope: float, cutoff: float, order: int) -> None:
     line = offset + slope * TIME
     np.testing.assert_allclose(LowPassFilter(cutoff, order, RATE_HZ).apply(TIME, line), line, rtol=1e-9, atol=1e-8)
+
+
+AmplifierKind = Literal["butterworth", "bessel"]
+amplifier_kinds = st.sampled_from(["butterworth", "bessel"])
+
+
+@pytest.mark.parametrize("kind", ["butterworth", "bessel"])
+@pytest.mark.parametrize("order", [2, 4, 8])
+def test_filter_of_an_amplifier(kind: AmplifierKind, order: int) -> None:
+    amplifier = LowPassFilter(10.0, order, RATE_HZ, kind)
+    gain = amplifier.compute_gain(np.array([0.0, 10.0, 100.0, 300.0]))
+    assert gain[[0, 1, 3]] == pytest.approx([1.0, np.sqrt(0.5), 0.0])
+    assert gain[2] < 100.0 * 10.0**-order
+    for signal, tolerance in ((MOTION, 1e-3), (REVERSALS, 0.5)):  # of jumps of 80
+        expected = amplify(signal, 10.0, order, kind)
+        assert amplifier.apply(TIME, signal)[1000:-200] == pytest.approx(expected[1000:-200], abs=tolerance)
+
+
+@settings(max_examples=20)
+@given(st.floats(-1e3, 1e3), st.floats(1.0, 100.0), amplifier_kinds, st.integers(2, 8))
+def test_slow_signals_are_late_by_the_delay(slope: float, cutoff: float, kind: AmplifierKind, order: int) -> None:
+    amplifier = LowPassFilter(cutoff, order, RATE_HZ, kind)
+    late = amplifier.apply(TIME, slope * TIME)
+    np.testing.assert_allclose(late, slope * (TIME - amplifier.delay), rtol=1e-9, atol=1e-8)
+    aligned = LowPassFilter(cutoff, order, RATE_HZ, kind, is_aligned=True)
+    np.testing.assert_allclose(aligned.apply(TIME, slope * TIME), slope * TIME, rtol=1e-9, atol=1e-8)
+    assert aligned.compute_gain(TIME) == pytest.approx(amplifier.compute_gain(TIME))
+
+
+@pytest.mark.parametrize(
+    ("kind", "order", "delay_s"), [("zero-lag", 4, 0.0), ("butterworth", 2, 0.02251), ("butterworth", 4, 0.04159)]
+)
+def test_delay_of_a_filter_of_10_hz(kind: FilterKind, order: int, delay_s: float) -> None:
+    # The low-frequency delay of a Butterworth filter is 1.414 and 2.613 over 2 pi f_c for the orders 2 and 4.
+    assert LowPassFilter(10.0, order, 1e5, kind).delay == pytest.approx(delay_s, abs=1e-5)
 
 
 @settings(max_examples=20)

@@ -1,48 +1,150 @@
-"""Cut-off frequencies of low-pass filters, within the uncertainty that the noise leaves.
+"""Low-pass filters, corrected within the uncertainty that the noise leaves.
 
 Short records and coloured noise show a cut-off frequency to a tenth only, and such an error looks like a missing effect
 wherever a force jumps. The signals show it much better, but effects that are missing move it. So it is accepted only
-where nothing is missing with it.
+where nothing is missing with it, or nothing beside the effects that are named. The signals also show whether a filter
+has a delay and whether the channel is late to the inputs, because such a delay is large beside the effects.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
-from klute_sim.diagnosis.command_interpolation import Preparation
+from klute_sim.diagnosis.command_interpolation import Outcome, Preparation
 from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
+from klute_sim.diagnosis.result import Verdict
 
 CUTOFF_DEVIATION = 0.1
 """Standard deviation of the logarithm of a cut-off frequency that the noise shows (assumed: records of 5 s)."""
-CUTOFF_FACTORS = np.geomspace(0.75, 1.33, 29)
-"""Cut-off frequencies that are tried, over the one that the noise shows."""
+LOG_CUTOFF_STEP = 0.04
+LOG_CUTOFF_FACTORS = LOG_CUTOFF_STEP * np.arange(-7, 8)
+"""Logarithms of the cut-off frequencies that are tried first, over the one that the noise shows."""
+LOG_CUTOFF_TOLERANCE = 1e-3
+"""Accuracy of the logarithm of the best cut-off frequency."""
+MAX_COST_RATIO = 0.5
+"""Largest ratio of the misfit of a channel with filters of another kind to that with the likeliest ones (assumed)."""
+ADEQUATE_VERDICTS: tuple[Verdict, ...] = "nothing-missing", "identified", "indistinguishable"
+"""Verdicts of a model that may explain the data to the noise."""
+MIN_COST_GAIN = 10.0
+"""Smallest fall of the misfit by other cut-off frequencies for which effects are searched again (assumed)."""
+
+Filters = Mapping[str, LowPassFilter]
 
 
-def refine_filters(preparation: Preparation, prepare: Callable[[list[Experiment]], Preparation]) -> Preparation:
+class _Candidate(NamedTuple):
+    detected: Filters
+    """Filters with the cut-off frequencies that the noise shows."""
+    detected_costs: Mapping[str, float]
+    """Channel -> sum of its squared weighted residuals with these."""
+    refined: Filters
+    """Filters with the cut-off frequencies that the signals show."""
+    refined_cost: float
+    """Sum of all squared weighted residuals with those, and of the squared deviation of the cut-off frequency."""
+
+    @property
+    def detected_cost(self) -> float:
+        """Sum of all squared weighted residuals with the cut-off frequencies that the noise shows."""
+        return sum(self.detected_costs.values())
+
+
+def refine_filters(
+    preparation: Preparation, prepare: Callable[[list[Experiment]], Preparation], others: Filters
+) -> Preparation:
     """Return ``preparation`` with other cut-off frequencies, by the same factor, where nothing is missing with them.
 
-    ``prepare`` weighs trials and fits the device without added effects to them.
+    ``others`` are filters of the other kind, with or without delay. They are taken where nothing is missing with them,
+    or where they explain the signals much better. ``prepare`` weighs trials and fits the device without added effects
+    to them.
     """
-    data, fit = preparation.data, preparation.base_fit
-    is_filtered = any(e.filters for e in data.experiments)
-    if not (is_filtered and has_repeats(data.experiments) and _has_misfit(preparation)):
+    detected = _collect_filters(preparation.data)
+    if not (detected and has_repeats(preparation.data.experiments) and _has_misfit(preparation)):
         return preparation
-    costs = []
-    for factor in CUTOFF_FACTORS:
-        scaled = data.with_experiments([_scale_cutoffs(e, float(factor)) for e in data.experiments])
-        (residuals,) = scaled.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)
-        vector = data.weight_residuals(residuals)
-        costs.append(float(vector @ vector + (np.log(factor) / CUTOFF_DEVIATION) ** 2))
-    best = float(CUTOFF_FACTORS[int(np.argmin(costs))])
-    refined = prepare([_scale_cutoffs(e, best) for e in preparation.experiments])
-    return preparation if _has_misfit(refined) else refined
+    candidates = [
+        _compare_cutoffs(preparation.data, preparation.base_fit, filters) for filters in _list_kinds(detected, others)
+    ]
+    best = min(candidates, key=lambda candidate: candidate.refined_cost)
+    refined = prepare([_filter_alike(e, best.refined) for e in preparation.experiments])
+    if not _has_misfit(refined):
+        return refined
+    best = min(candidates, key=lambda candidate: candidate.detected_cost)
+    if not _explains_much_more(best, candidates[0]):
+        return preparation
+    return prepare([_filter_alike(e, best.detected) for e in preparation.experiments])
 
 
-def _scale_cutoffs(experiment: Experiment, factor: float) -> Experiment:
-    filters = {c: replace(each, cutoff=factor * each.cutoff) for c, each in experiment.filters.items()}
+def _explains_much_more(candidate: _Candidate, current: _Candidate) -> bool:
+    """Return whether ``candidate`` leaves much less of a channel than the ``current`` filters: other channels may have
+    the misfit of large effects.
+    """
+    costs = current.detected_costs
+    return any(cost <= MAX_COST_RATIO * costs[channel] for channel, cost in candidate.detected_costs.items())
+
+
+def reconsider_filters(
+    outcome: Outcome, prepare: Callable[[list[Experiment]], Preparation], search_model: Callable[[Preparation], Outcome]
+) -> Outcome:
+    """Return ``outcome``, or that with cut-off frequencies which its model shows, where it explains the data to the
+    noise.
+    """
+    detected, selected = _collect_filters(outcome.data), outcome.selected
+    if not detected or selected.verdict in ADEQUATE_VERDICTS:
+        return outcome
+    best = _compare_cutoffs(outcome.data, selected.final_fit, detected)
+    if best.detected_cost - best.refined_cost < MIN_COST_GAIN:
+        return outcome
+    refined = search_model(prepare([_filter_alike(e, best.refined) for e in outcome.experiments]))
+    return refined if refined.selected.verdict in ADEQUATE_VERDICTS else outcome
+
+
+def _collect_filters(data: WeightedData) -> dict[str, LowPassFilter]:
+    return dict(item for e in data.experiments for item in e.filters.items())
+
+
+def _list_kinds(detected: Filters, others: Filters) -> list[Filters]:
+    """Return the filters of both kinds, the detected ones first, and those with delay of channels that are not late."""
+    kinds = [detected, others] if others else [detected]
+    delaying = [filters for filters in kinds if any(each.has_delay for each in filters.values())]
+    return kinds + [{c: replace(each, is_aligned=True) for c, each in f.items()} for f in delaying]
+
+
+def _compare_cutoffs(data: WeightedData, fit: Fit, filters: Filters) -> _Candidate:
+    """Return ``filters`` with the cut-off frequencies that agree best with ``fit``."""
+
+    def compute_cost(log_factor: float) -> float:
+        costs = _compute_costs(data, fit, _scale_cutoffs(filters, log_factor))
+        return sum(costs.values()) + (log_factor / CUTOFF_DEVIATION) ** 2
+
+    nearest = min(LOG_CUTOFF_FACTORS, key=compute_cost)
+    bounds = nearest - LOG_CUTOFF_STEP, nearest + LOG_CUTOFF_STEP
+    found = minimize_scalar(compute_cost, bounds=bounds, method="bounded", options={"xatol": LOG_CUTOFF_TOLERANCE})
+    refined = _scale_cutoffs(filters, float(found.x))
+    return _Candidate(filters, _compute_costs(data, fit, filters), refined, float(found.fun))
+
+
+def _compute_costs(data: WeightedData, fit: Fit, filters: Filters) -> dict[str, float]:
+    """Return channel -> sum of the squared weighted residuals of ``fit`` with ``filters``."""
+    filtered = data.with_experiments([_filter_alike(e, filters) for e in data.experiments])
+    (residuals,) = filtered.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)
+    costs = dict.fromkeys(data.noise, 0.0)
+    for row, weights in zip(residuals, data.weights, strict=True):
+        for channel, weight in weights.items():
+            costs[channel] += float(np.sum((weight * row[channel]) ** 2))
+    return costs
+
+
+def _scale_cutoffs(filters: Filters, log_factor: float) -> Filters:
+    return {c: replace(each, cutoff=float(np.exp(log_factor)) * each.cutoff) for c, each in filters.items()}
+
+
+def _filter_alike(experiment: Experiment, filters: Filters) -> Experiment:
     return replace(experiment, filters=filters)
 
 

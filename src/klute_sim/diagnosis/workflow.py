@@ -27,9 +27,10 @@ from klute_sim.diagnosis.condition_registration import describe_condition_regist
 from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
 from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.filter_refinement import refine_filters
+from klute_sim.diagnosis.filter_refinement import reconsider_filters, refine_filters
 from klute_sim.diagnosis.final_model import (
     FinalModel,
     select_adequate_model,
@@ -132,10 +133,11 @@ def _run_workflow(
         )
 
     quantizers: dict[str, Quantizer] = {}
+    other_filters: dict[str, LowPassFilter] = {}
     if data_quality.has_repeats(fitted):
         if dataset.rig != "gait":  # strides differ by more than noise
             rates = collect_sampling_rates(dataset.trials)
-            experiments = add_low_pass_filters(experiments, fitted, rates, simulator)
+            experiments, other_filters = add_low_pass_filters(experiments, fitted, rates, simulator)
             fitted = [e for e in experiments if e.use == "fit" and e.measured]
         experiments, quantizers = detect_quantizers(experiments, fitted, simulator)
     progress(0.1, "fitting the device without added effects")
@@ -146,8 +148,7 @@ def _run_workflow(
     def search_model(prepared: Preparation) -> Outcome:
         return _search_model(dataset, prepared, options, progress)
 
-    linear = refine_filters(prepare(experiments), prepare)
-    reasons += describe_low_pass_filters(linear.experiments)
+    linear = refine_filters(prepare(experiments), prepare, other_filters)
     hold = prepare_zero_order_hold(linear, prepare)
     outcome = search_model(hold[0] if hold else linear)
     if hold:
@@ -157,7 +158,8 @@ def _run_workflow(
     elif outcome.selected.verdict != "nothing-missing":
         outcome, remarks = select_command_interpolation(outcome, prepare, search_model, progress)
         reasons += remarks
-    reasons += outcome.remarks
+    outcome = reconsider_filters(outcome, prepare, search_model)
+    reasons += [*describe_low_pass_filters(outcome.experiments), *outcome.remarks]
     experiments, data, search, base_fit, selected, _ = outcome
     quantizers = select_quantizers(quantizers, options.only, options.exclude)  # all of them are simulated
     if quantizers:

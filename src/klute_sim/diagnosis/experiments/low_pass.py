@@ -1,12 +1,19 @@
-"""Low-pass filter that a channel went through before it came here."""
+"""Low-pass filter that a channel went through before it came here: of an amplifier, or of a data processing."""
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
+from scipy.signal import besselap, buttap
 
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.types import Array
+
+FilterKind = Literal["zero-lag", "butterworth", "bessel"]
+"""A Butterworth filter forward and backward, which has no delay, or one forward only, of Butterworth or Bessel."""
 
 PADDING_PERIODS = 3.0
 """Length by which a signal is continued at each end before it is filtered [periods of the cut-off frequency]."""
@@ -14,30 +21,75 @@ END_PERIODS = 2.0
 """Length at each end of a record that is not compared [periods of the cut-off frequency] (assumed)."""
 
 
+@lru_cache
+def _compute_poles(kind: FilterKind, order: int) -> NDArray[np.complex128]:
+    """Return the poles (order,) of the analog filter of 1 rad/s."""
+    _, poles, _ = besselap(order, norm="mag") if kind == "bessel" else buttap(order)
+    return np.asarray(poles, dtype=np.complex128)
+
+
 @dataclass(frozen=True)
 class LowPassFilter:
-    """Butterworth filter, forward and backward, so without delay."""
+    """Low-pass filter with one of the usual frequency responses."""
 
     cutoff: float
-    """Frequency [Hz] at which the amplitude is halved."""
+    """Frequency [Hz] at which a pass lowers the amplitude to 0.71; a zero-lag filter halves it."""
     order: int
     """Order of each pass."""
     sampling_rate: float
     """Sampling rate of the filtered channel [Hz]."""
+    kind: FilterKind = "zero-lag"
+    is_aligned: bool = False
+    """Whether the channel is not late to the inputs: they went through the same filter, or its delay was subtracted."""
 
-    def compute_gain(self, frequency: Array) -> Array:
-        """Return the gain of the amplitude [1] at ``frequency`` [Hz] (n,).
+    @property
+    def has_delay(self) -> bool:
+        """Whether a signal leaves the filter later than it enters."""
+        return self.kind != "zero-lag"
 
-        It is ``1 / (1 + (tan(pi f / f_s) / tan(pi f_c / f_s))^(2 order))`` with the sampling rate ``f_s``, by the
-        bilinear transform (Oppenheim and Schafer, Discrete-Time Signal Processing, 2010, 7.2), and 0 above half of it.
+    @property
+    def delay(self) -> float:
+        """Delay of a slow signal [s]: the group delay at 0 Hz, ``sum(Re(-1/p)) / (2 pi f_c)`` for poles ``p``."""
+        if not self.has_delay:
+            return 0.0
+        scale = np.tan(np.pi * self.cutoff / self.sampling_rate) * self.sampling_rate * 2.0
+        return float(np.sum((-1.0 / _compute_poles(self.kind, self.order)).real) / scale)
+
+    @property
+    def lateness(self) -> float:
+        """Time [s] by which slow signals of the channel are later than those of a simulation."""
+        return 0.0 if self.is_aligned else self.delay
+
+    @property
+    def stop_band_exponent(self) -> int:
+        """Exponent n of the amplitude far above the cut-off frequency, ``f^-n``."""
+        return self.order if self.has_delay else 2 * self.order
+
+    def compute_response(self, frequency: Array) -> NDArray[np.complex128]:
+        """Return the frequency response [1] at ``frequency`` [Hz] (n,).
+
+        A pass is ``H = prod(-p / (j w - p))`` with the poles ``p`` of the analog filter and ``w = tan(pi f / f_s) /
+        tan(pi f_c / f_s)`` at the sampling rate ``f_s``, by the bilinear transform (Oppenheim and Schafer,
+        Discrete-Time Signal Processing, 2010, 7.2); a zero-lag filter is ``|H|^2``. Above half the sampling rate it is
+        0. An aligned channel has no :attr:`delay`, only the shape that the filter gives to a signal.
         """
         is_sampled = frequency < 0.5 * self.sampling_rate
         ratio = np.tan(np.pi * frequency[is_sampled] / self.sampling_rate) / np.tan(
             np.pi * self.cutoff / self.sampling_rate
         )
-        gain = np.zeros(len(frequency))
-        gain[is_sampled] = 1.0 / (1.0 + ratio ** (2 * self.order))
-        return gain
+        response = np.zeros(len(frequency), dtype=np.complex128)
+        if self.has_delay:
+            poles = _compute_poles(self.kind, self.order)
+            response[is_sampled] = np.prod(-poles / (1j * ratio[:, None] - poles), axis=1)
+            if self.is_aligned:
+                response *= np.exp(2j * np.pi * frequency * self.delay)
+        else:
+            response[is_sampled] = 1.0 / (1.0 + ratio ** (2 * self.order))
+        return response
+
+    def compute_gain(self, frequency: Array) -> Array:
+        """Return the gain of the amplitude [1] at ``frequency`` [Hz] (n,)."""
+        return np.abs(self.compute_response(frequency))
 
     def apply(self, time: Array, value: Array) -> Array:
         """Return the filtered ``value`` (n,) at equally spaced ``time`` [s] (n,); its ends are continued by reflection
@@ -47,10 +99,12 @@ class LowPassFilter:
         padding = min(len(value) - 1, round(PADDING_PERIODS / self.cutoff / interval))
         before, after = 2.0 * value[0] - value[padding:0:-1], 2.0 * value[-1] - value[-2 : -2 - padding : -1]
         padded = np.concatenate([before, value, after])
-        slope = np.linspace(padded[0], padded[-1], len(padded))  # the ends of a periodic signal meet
+        rise = (padded[-1] - padded[0]) / (len(padded) - 1)
+        line = padded[0] + rise * np.arange(len(padded))  # without it, the ends of a periodic signal meet
         size = next_fast_len(len(padded), real=True)
-        spectrum = rfft(np.pad(padded - slope, (0, size - len(padded))))
-        filtered = irfft(spectrum * self.compute_gain(rfftfreq(size, interval)), size)[: len(padded)] + slope
+        spectrum = rfft(np.pad(padded - line, (0, size - len(padded))))
+        filtered = irfft(spectrum * self.compute_response(rfftfreq(size, interval)), size)[: len(padded)]
+        filtered += line - rise * self.lateness / interval
         return np.asarray(filtered[padding : padding + len(value)])
 
     def trim_ends(self, series: TimeSeries) -> TimeSeries:

@@ -3,6 +3,10 @@
 A filter rounds what is fast in a signal, as the jump of a dry friction, in all repeats alike, so a simulation must go
 through the same filter. The noise shows it: it was white before, possibly with a lag of the sensor, and its spectrum
 has the shape of the filter. It is the difference between repeats, of their residuals where their inputs differ.
+
+A spectrum does not show the phase of a filter, but those of amplifiers, which have a delay, fall in another way than
+those that a program applies forward and backward. Where that does not decide, the signals do
+(:mod:`klute_sim.diagnosis.filter_refinement`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,15 +19,22 @@ from scipy.signal import detrend, periodogram
 
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.denoise import MAX_INTERVAL_VARIATION
-from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
+from klute_sim.diagnosis.experiments.low_pass import FilterKind, LowPassFilter
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.noise.repeats import align_repeats, list_channels
 from klute_sim.types import Array
 
-ORDERS = 1, 2, 3, 4
-"""Orders of a Butterworth filter in each of its two passes, forward and backward."""
-MIN_ORDER = 2
-"""Smallest order of a filter: devices and instruments make noise with a spectrum of the first (assumed)."""
+ZERO_LAG_SHAPES: tuple[tuple[FilterKind, int], ...] = tuple(("zero-lag", order) for order in (1, 2, 3, 4))
+"""Kinds and orders of the filters without delay that are tried."""
+DELAYING_SHAPES: tuple[tuple[FilterKind, int], ...] = (
+    *(("butterworth", order) for order in (2, 3, 4, 6, 8)),
+    *(("bessel", order) for order in (2, 4, 6, 8)),
+)
+"""Kinds and orders of the filters with delay that are tried."""
+MIN_EXPONENT = 4
+"""Smallest exponent of a filter in its stop band: devices and instruments make noise with smaller ones (assumed)."""
+MIN_KIND_GAIN = 10.0
+"""Gain of the logarithm of the likelihood by which the noise shows a filter with delay (assumed)."""
 N_CUTOFFS = 60
 """Number of cut-off frequencies that are tried."""
 CUTOFF_FACTORS = np.geomspace(0.8, 1.25, 61)
@@ -63,13 +74,18 @@ class _Spectrum(NamedTuple):
     """Number of averaged frequencies, (n,)."""
 
 
+Filters = dict[str, LowPassFilter]
+"""Channel -> the filter that it went through."""
+Shapes = tuple[tuple[FilterKind, int], ...]
+
+
 def add_low_pass_filters(
     experiments: Sequence[Experiment],
     fit_experiments: Sequence[Experiment],
     sampling_rates: Mapping[str, float],
     simulator: Simulator,
-) -> list[Experiment]:
-    """Return ``experiments`` with the filters detected in ``fit_experiments``.
+) -> tuple[list[Experiment], Filters]:
+    """Return ``experiments`` with the filters detected in ``fit_experiments``, and those of the other kind.
 
     ``sampling_rates`` [Hz] are those of the measured channels before samples were left out. Samples near the ends of a
     filtered record are left out. Channels without repeats get no filter.
@@ -81,8 +97,8 @@ def add_low_pass_filters(
         candidates = [_compare_repeats(fit_experiments, rows, channel) for rows in (values, residuals)]
         # Residuals contain the noise of the recorded inputs, and values what differs between the inputs.
         differences[channel] = min(candidates, key=lambda rows: float(np.sum([change @ change for _, change in rows])))
-    filters = detect_low_pass_filters(differences, sampling_rates)
-    return [_add_filters(e, filters) if filters else e for e in experiments]
+    filters, others = detect_low_pass_filters(differences, sampling_rates)
+    return [_add_filters(e, filters) if filters else e for e in experiments], others
 
 
 def _compute_residuals(experiments: Sequence[Experiment], simulator: Simulator) -> list[dict[str, Array]]:
@@ -118,11 +134,19 @@ def describe_low_pass_filters(experiments: Sequence[Experiment]) -> list[str]:
     filters = dict(item for e in experiments for item in e.filters.items())
     if not filters:
         return []
-    names = ", ".join(f"'{channel}' ({found.cutoff:.2g} Hz)" for channel, found in filters.items())
-    return [
-        f"The noise shows that these channels were low-pass filtered, so the simulation is filtered alike: {names}. "
-        "It is taken to have no delay (zero lag); state that of an amplifier in [delay]."
-    ]
+    names = ", ".join(f"'{channel}' ({_describe_filter(found)})" for channel, found in filters.items())
+    sentence = (
+        "The noise shows that these channels were low-pass filtered, so the simulation is filtered alike: " + names
+    )
+    if any(found.has_delay for found in filters.values()):
+        if all(found.is_aligned for found in filters.values()):
+            return [f"{sentence}. The inputs are as late as these channels, or the delays were subtracted."]
+        return [f"{sentence}. The simulation has their delay, too, as behind an amplifier."]
+    return [f"{sentence}. They are taken to have no delay (zero lag); state that of an amplifier in [delay]."]
+
+
+def _describe_filter(found: LowPassFilter) -> str:
+    return f"{found.cutoff:.2g} Hz" + (f", delay {1e3 * found.delay:.3g} ms" if found.has_delay else "")
 
 
 def _compute_spectrum(time: Array, difference: Array) -> _Spectrum | None:
@@ -141,35 +165,56 @@ def _compute_spectrum(time: Array, difference: Array) -> _Spectrum | None:
 
 def detect_low_pass_filters(
     differences: Mapping[str, Sequence[tuple[Array, Array]]], sampling_rates: Mapping[str, float]
-) -> dict[str, LowPassFilter]:
-    """Return channel -> the filter that its noise went through, for those channels that show one.
+) -> tuple[Filters, Filters]:
+    """Return the filters that the noise of channels went through, and those of the other kind, with or without delay.
 
     ``differences`` between repeats are pairs of times [s] (n,) and values [SI] (n,); ``sampling_rates`` [Hz] are those
-    of the filters. Channels share a filter where that is nearly as likely, because the noise of one shows it to a few
-    per cent only, and noise that is not white beside it not at all.
+    of the filters. The likelier kind is the first one, but without clear evidence it has no delay. Channels without a
+    filter are left out.
+    """
+    spectra = {
+        channel: [s for s in (_compute_spectrum(*difference) for difference in rows) if s is not None]
+        for channel, rows in differences.items()
+    }
+    (zero_lag, misfits), (delaying, other_misfits) = (
+        _detect_kind(spectra, sampling_rates, shapes) for shapes in (ZERO_LAG_SHAPES, DELAYING_SHAPES)
+    )
+    compared = (zero_lag.keys() | delaying.keys()) & misfits.keys() & other_misfits.keys()
+    gain = sum(misfits[channel] - other_misfits[channel] for channel in compared)
+    has_delay = delaying and (not zero_lag or gain > MIN_KIND_GAIN)
+    return (delaying, zero_lag) if has_delay else (zero_lag, delaying)
+
+
+def _detect_kind(
+    all_spectra: Mapping[str, Sequence[_Spectrum]], sampling_rates: Mapping[str, float], shapes: Shapes
+) -> tuple[Filters, dict[str, float]]:
+    """Return the filters of these ``shapes`` that the noise went through, and the least misfit of each channel.
+
+    Channels share a filter where that is nearly as likely, because the noise of one shows it to a few per cent only,
+    and noise that is not white beside it not at all.
     """
     spectra, likeliest, filters = {}, {}, {}
-    for channel, rows in differences.items():
-        own = [s for s in (_compute_spectrum(*difference) for difference in rows) if s is not None]
-        found = _find_likeliest(own, sampling_rates[channel]) if own else None
+    for channel, own in all_spectra.items():
+        found = _find_likeliest(own, sampling_rates[channel], shapes) if own else None
         if found is None:
             continue
         spectra[channel], likeliest[channel] = [_cut_spectrum(s) for s in own], found
-        if found.order >= MIN_ORDER and _has_shape(own, found.cutoff):
+        if found.stop_band_exponent >= MIN_EXPONENT and _has_shape(own, found.cutoff):
             filters[channel] = found
+    misfits = {channel: _compute_misfit(own, likeliest[channel]) for channel, own in spectra.items()}
     if not filters:
-        return {}
+        return {}, misfits
     start = next(iter(filters.values()))
-    common = _fit_filter([s for channel in filters for s in spectra[channel]], start)
-    losses = {c: _compute_misfit(own, common) - _compute_misfit(own, likeliest[c]) for c, own in spectra.items()}
+    common = _fit_filter([s for channel in filters for s in spectra[channel]], start, shapes)
+    losses = {c: _compute_misfit(own, common) - misfits[c] for c, own in spectra.items()}
     is_shared = all(losses[channel] <= MAX_COMMON_LOSS for channel in filters)
     for channel, loss in losses.items():
         if loss <= MAX_COMMON_LOSS and (is_shared or channel not in filters):
             filters[channel] = replace(common, sampling_rate=sampling_rates[channel])
-    return filters
+    return filters, misfits
 
 
-def _find_likeliest(spectra: Sequence[_Spectrum], sampling_rate: float) -> LowPassFilter | None:
+def _find_likeliest(spectra: Sequence[_Spectrum], sampling_rate: float, shapes: Shapes) -> LowPassFilter | None:
     """Return the most likely filter of one channel with ``spectra``; None where they show none with a stop band."""
     nyquist = min(s.frequency[-1] for s in spectra)
     lowest = max(MIN_PASS_BINS * 2.0 * s.frequency[0] for s in spectra)
@@ -177,17 +222,21 @@ def _find_likeliest(spectra: Sequence[_Spectrum], sampling_rate: float) -> LowPa
         return None
     passed = [_cut_spectrum(spectrum) for spectrum in spectra]
     coarse = [
-        LowPassFilter(float(cutoff), order, sampling_rate)
-        for order in ORDERS
+        LowPassFilter(float(cutoff), order, sampling_rate, kind)
+        for kind, order in shapes
         for cutoff in np.geomspace(lowest, nyquist, N_CUTOFFS)[:-1]
     ]
-    best = _fit_filter(passed, min(coarse, key=lambda tried: _compute_misfit(passed, tried)))
+    best = _fit_filter(passed, min(coarse, key=lambda tried: _compute_misfit(passed, tried)), shapes)
     return best if best.cutoff < MAX_CUTOFF_NYQUIST_FRACTION * nyquist else None
 
 
-def _fit_filter(spectra: Sequence[_Spectrum], start: LowPassFilter) -> LowPassFilter:
-    """Return the most likely filter near ``start``, of any order."""
-    tried = [replace(start, cutoff=start.cutoff * float(x), order=order) for order in ORDERS for x in CUTOFF_FACTORS]
+def _fit_filter(spectra: Sequence[_Spectrum], start: LowPassFilter, shapes: Shapes) -> LowPassFilter:
+    """Return the most likely filter near ``start``, of one of these ``shapes``."""
+    tried = [
+        replace(start, cutoff=start.cutoff * float(factor), order=order, kind=kind)
+        for kind, order in shapes
+        for factor in CUTOFF_FACTORS
+    ]
     return min(tried, key=lambda each: _compute_misfit(spectra, each))
 
 
