@@ -1,7 +1,7 @@
 """Clean data of digital controllers, slow instruments, filters and a hum, end to end: nothing is missing."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from scipy.signal import bessel, butter, sosfilt, sosfilt_zi, sosfiltfilt
 
 import klute_sim as ks
 from klute_sim.datasets.write import write_trial
+from klute_sim.device.device import Device, parse_device
 
 DEVICE = "klute-1-1-4-pair"
 STEP_S, DURATION_S = 1e-3, 10.0
@@ -31,11 +32,13 @@ def write_clean_dataset(
     late: int = 0,
     length_held: int = 1,
     change: Callable[[np.ndarray, np.random.Generator], np.ndarray] = lambda values, rng: values,
+    device: str | Device = DEVICE,
+    changed: Collection[str] = tuple(NOISE),
 ) -> Path:
-    """Write clean bench data; all numbers are in steps of 1 ms.
+    """Write bench data of ``device``, by default clean ones; all numbers are in steps of 1 ms.
 
     A command is held for ``command_held``, its log is ``late``, every ``log_interval`` there is a row, and the length
-    has a new reading every ``length_held``. ``change`` is applied to each measured channel with its noise.
+    has a new reading every ``length_held``. ``change`` is applied to each channel in ``changed`` with its noise.
     """
     folder.mkdir()
     lines = ['format = "klute-sim-dataset/2"', 'rig = "bench"', f'device = "{DEVICE}"', "", "[uncertain]"]
@@ -51,18 +54,19 @@ def write_clean_dataset(
             )
 
         length, command = 343.0 + 4.0 * draw_sines(1.2, 4), hold(2.2 + 0.55 * draw_sines(1.2, 3), command_held)
-        response = ks.simulate_response(DEVICE, time, length, command, zero_order_hold=command_held > 1, time_step=1e-4)
+        response = ks.simulate_response(device, time, length, command, zero_order_hold=command_held > 1, time_step=1e-4)
         log = np.r_[np.full(late, command[0]), command][: len(command)]
         for repeat in "ab":
+            readings = {
+                name: response[name] + deviation * noise.normal(size=len(time)) for name, deviation in NOISE.items()
+            }
             columns = {
                 "time [s]": time,
                 "length [mm]": hold(length, length_held),
                 "pressure_command [bar]": log,
                 **{
-                    response.format_heading(name): change(
-                        response[name] + deviation * noise.normal(size=len(time)), noise
-                    )
-                    for name, deviation in NOISE.items()
+                    response.format_heading(name): change(readings[name], noise) if name in changed else readings[name]
+                    for name in NOISE
                 },
             }
             write_trial(folder / f"{group}_{repeat}.csv", {name: v[::log_interval] for name, v in columns.items()})
@@ -113,15 +117,36 @@ def test_low_pass_filter(tmp_path: Path, cutoff_hz: float) -> None:
     assert float(found) == pytest.approx(cutoff_hz, rel=0.1)
 
 
-@pytest.mark.parametrize(("cutoff_hz", "kind"), [(10.0, "butterworth"), (30.0, "bessel")])
-def test_filter_of_an_amplifier(tmp_path: Path, cutoff_hz: float, kind: str) -> None:
+def amplify(values: np.ndarray, cutoff_hz: float, kind: str) -> np.ndarray:
+    """Return ``values`` (n,) through a filter of order 4 with delay."""
     rate = {"fs": 1.0 / STEP_S, "output": "sos"}
     sections = butter(4, cutoff_hz, **rate) if kind == "butterworth" else bessel(4, cutoff_hz, norm="mag", **rate)
+    return sosfilt(sections, values, zi=values[0] * sosfilt_zi(sections))[0]
 
-    def amplify(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sosfilt(sections, values, zi=values[0] * sosfilt_zi(sections))[0]
 
-    result = ks.diagnose(write_clean_dataset(tmp_path / "data", log_interval=2, change=amplify))
+@pytest.mark.parametrize(("cutoff_hz", "kind"), [(10.0, "butterworth"), (30.0, "bessel")])
+def test_filter_of_an_amplifier(tmp_path: Path, cutoff_hz: float, kind: str) -> None:
+    data = write_clean_dataset(
+        tmp_path / "data", log_interval=2, change=lambda values, rng: amplify(values, cutoff_hz, kind)
+    )
+    result = ks.diagnose(data)
     assert result.verdict == "nothing-missing", result.reasons
     (found,) = re.findall(r"'force' \(([\d.]+) Hz, delay", " ".join(result.reasons))
     assert float(found) == pytest.approx(cutoff_hz, rel=0.1)
+
+
+def test_effect_behind_an_amplifier_of_the_force(tmp_path: Path) -> None:
+    hysteresis = '[effects.braid_hysteresis]\nform = "coulomb"\nslope_n_per_bar = 20.0\n'
+    device = parse_device(ks.load_device(DEVICE).content + f"\n{hysteresis}".encode(), "truth")
+    data = write_clean_dataset(
+        tmp_path / "data",
+        log_interval=2,
+        change=lambda values, rng: amplify(values, 10.0, "butterworth"),
+        device=device,
+        changed=["force"],
+    )
+    result = ks.diagnose(data)
+    assert result.verdict == "identified", result.reasons
+    assert [effect.name for effect in result.effects] == ["braid_hysteresis"]
+    (found,) = re.findall(r"'force' \(([\d.]+) Hz, delay", " ".join(result.reasons))
+    assert float(found) == pytest.approx(10.0, rel=0.01)

@@ -57,7 +57,7 @@ def refine(
 
     before = prepare([filter_channels(e, true_filter, assumed) for e in experiments])
     channels = experiments[0].measured
-    return before, refine_filters(before, prepare, {} if other is None else dict.fromkeys(channels, other))
+    return before, refine_filters(before, prepare, [] if other is None else [dict.fromkeys(channels, other)])
 
 
 def get_filter(preparation: Preparation) -> LowPassFilter:
@@ -115,6 +115,6 @@ def test_channels_without_filter_stay(tmp_path: Path, simulator: Simulator) -> N
     experiments = [e for e in prepare_experiments(dataset, split_dataset(dataset)) if e.use == "fit"]
     fit, weighted = fit_base_device(dataset, experiments, simulator)
     preparation = Preparation(experiments, weighted, fit, [])
-    assert refine_filters(preparation, lambda trials: pytest.fail("nothing to prepare"), {}) is preparation
+    assert refine_filters(preparation, lambda trials: pytest.fail("nothing to prepare"), []) is preparation
     assert describe_low_pass_filters(experiments) == []
     assert np.isfinite(fit.chi2)

@@ -74,7 +74,15 @@ def test_slow_signals_are_late_by_the_delay(slope: float, cutoff: float, kind: A
 )
 def test_delay_of_a_filter_of_10_hz(kind: FilterKind, order: int, delay_s: float) -> None:
     # The low-frequency delay of a Butterworth filter is 1.414 and 2.613 over 2 pi f_c for the orders 2 and 4.
-    assert LowPassFilter(10.0, order, 1e5, kind).delay == pytest.approx(delay_s, abs=1e-5)
+    assert LowPassFilter(10.0, order, np.inf, kind).delay == pytest.approx(delay_s, abs=1e-5)
+    assert LowPassFilter(10.0, order, 1e4, kind).delay == pytest.approx(delay_s, abs=1e-5)
+
+
+@pytest.mark.parametrize(("kind", "order"), [("zero-lag", 2), ("butterworth", 4), ("bessel", 6)])
+def test_digital_filter_of_a_high_rate_is_that_of_an_analog_one(kind: FilterKind, order: int) -> None:
+    frequency = np.linspace(0.0, 50.0, 101)
+    analog, digital = (LowPassFilter(10.0, order, rate, kind) for rate in (np.inf, 1e5))
+    np.testing.assert_allclose(digital.compute_response(frequency), analog.compute_response(frequency), atol=1e-5)
 
 
 @settings(max_examples=20)

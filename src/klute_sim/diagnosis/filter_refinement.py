@@ -6,7 +6,7 @@ where nothing is missing with it, or nothing beside the effects that are named. 
 has a delay and whether the channel is late to the inputs, because such a delay is large beside the effects.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,6 +21,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
 from klute_sim.diagnosis.result import Verdict
+from klute_sim.diagnosis.selection.refits import refit_without_term
 
 CUTOFF_DEVIATION = 0.1
 """Standard deviation of the logarithm of a cut-off frequency that the noise shows (assumed: records of 5 s)."""
@@ -33,8 +34,12 @@ MAX_COST_RATIO = 0.5
 """Largest ratio of the misfit of a channel with filters of another kind to that with the likeliest ones (assumed)."""
 ADEQUATE_VERDICTS: tuple[Verdict, ...] = "nothing-missing", "identified", "indistinguishable"
 """Verdicts of a model that may explain the data to the noise."""
+CHANNEL_DELAYS = frozenset({"clock_skew", "sensor_lag"})
+"""Effects that make a channel late, as a filter does."""
 MIN_COST_GAIN = 10.0
-"""Smallest fall of the misfit by other cut-off frequencies for which effects are searched again (assumed)."""
+"""Smallest fall of the misfit by other cut-off frequencies for which the model is fitted again (assumed)."""
+MAX_REFINEMENTS = 3
+"""Largest number of such fits: the numbers of the device take a part of the error of a cut-off frequency."""
 
 Filters = Mapping[str, LowPassFilter]
 
@@ -56,24 +61,29 @@ class _Candidate(NamedTuple):
 
 
 def refine_filters(
-    preparation: Preparation, prepare: Callable[[list[Experiment]], Preparation], others: Filters
+    preparation: Preparation, prepare: Callable[[list[Experiment]], Preparation], others: Sequence[Filters]
 ) -> Preparation:
     """Return ``preparation`` with other cut-off frequencies, by the same factor, where nothing is missing with them.
 
-    ``others`` are filters of the other kind, with or without delay. They are taken where nothing is missing with them,
-    or where they explain the signals much better. ``prepare`` weighs trials and fits the device without added effects
-    to them.
+    ``others`` are filters of another kind or order that the noise permits, some of them with delay. They are taken
+    where nothing is missing with them, or where they explain the signals much better. ``prepare`` weighs trials and
+    fits the device without added effects to them.
     """
     detected = _collect_filters(preparation.data)
     if not (detected and has_repeats(preparation.data.experiments) and _has_misfit(preparation)):
         return preparation
+    tried = [detected, *others]
     candidates = [
-        _compare_cutoffs(preparation.data, preparation.base_fit, filters) for filters in _list_kinds(detected, others)
+        _compare_cutoffs(preparation.data, preparation.base_fit, filters) for filters in tried + _list_aligned(tried)
     ]
     best = min(candidates, key=lambda candidate: candidate.refined_cost)
-    refined = prepare([_filter_alike(e, best.refined) for e in preparation.experiments])
-    if not _has_misfit(refined):
-        return refined
+    for _ in range(MAX_REFINEMENTS):
+        refined = prepare([_filter_alike(e, best.refined) for e in preparation.experiments])
+        if not _has_misfit(refined):
+            return refined
+        best = _compare_cutoffs(refined.data, refined.base_fit, best.refined)
+        if best.detected_cost - best.refined_cost < MIN_COST_GAIN:
+            break
     best = min(candidates, key=lambda candidate: candidate.detected_cost)
     if not _explains_much_more(best, candidates[0]):
         return preparation
@@ -91,28 +101,37 @@ def _explains_much_more(candidate: _Candidate, current: _Candidate) -> bool:
 def reconsider_filters(
     outcome: Outcome, prepare: Callable[[list[Experiment]], Preparation], search_model: Callable[[Preparation], Outcome]
 ) -> Outcome:
-    """Return ``outcome``, or that with cut-off frequencies which its model shows, where it explains the data to the
+    """Return ``outcome``, or that with the cut-off frequencies which its model shows, where it explains the data to the
     noise.
+
+    A lag or another clock of a filtered channel may be an error of its cut-off frequency, too.
     """
     detected, selected = _collect_filters(outcome.data), outcome.selected
-    if not detected or selected.verdict in ADEQUATE_VERDICTS:
+    delays = [t for t in outcome.terms if t.effect in CHANNEL_DELAYS and t.channel in detected]
+    is_adequate = selected.verdict in ADEQUATE_VERDICTS
+    if not detected or (is_adequate and not delays):
         return outcome
-    best = _compare_cutoffs(outcome.data, selected.final_fit, detected)
+    fit = selected.final_fit
+    for term in delays:
+        fit = refit_without_term(selected.data, fit, term)
+    best = _compare_cutoffs(selected.data, fit, detected)
     if best.detected_cost - best.refined_cost < MIN_COST_GAIN:
         return outcome
     refined = search_model(prepare([_filter_alike(e, best.refined) for e in outcome.experiments]))
-    return refined if refined.selected.verdict in ADEQUATE_VERDICTS else outcome
+    if refined.selected.verdict not in ADEQUATE_VERDICTS:
+        return outcome
+    n_delays = sum(t.effect in CHANNEL_DELAYS and t.channel in detected for t in refined.terms)
+    return refined if n_delays < len(delays) or not is_adequate else outcome
 
 
 def _collect_filters(data: WeightedData) -> dict[str, LowPassFilter]:
     return dict(item for e in data.experiments for item in e.filters.items())
 
 
-def _list_kinds(detected: Filters, others: Filters) -> list[Filters]:
-    """Return the filters of both kinds, the detected ones first, and those with delay of channels that are not late."""
-    kinds = [detected, others] if others else [detected]
-    delaying = [filters for filters in kinds if any(each.has_delay for each in filters.values())]
-    return kinds + [{c: replace(each, is_aligned=True) for c, each in f.items()} for f in delaying]
+def _list_aligned(candidates: Sequence[Filters]) -> list[Filters]:
+    """Return the filters with delay among ``candidates``, of channels that are not late."""
+    delaying = [filters for filters in candidates if any(each.has_delay for each in filters.values())]
+    return [{c: replace(each, is_aligned=True) for c, each in filters.items()} for filters in delaying]
 
 
 def _compare_cutoffs(data: WeightedData, fit: Fit, filters: Filters) -> _Candidate:

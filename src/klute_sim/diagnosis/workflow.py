@@ -133,7 +133,7 @@ def _run_workflow(
         )
 
     quantizers: dict[str, Quantizer] = {}
-    other_filters: dict[str, LowPassFilter] = {}
+    other_filters: list[dict[str, LowPassFilter]] = []
     if data_quality.has_repeats(fitted):
         if dataset.rig != "gait":  # strides differ by more than noise
             rates = collect_sampling_rates(dataset.trials)

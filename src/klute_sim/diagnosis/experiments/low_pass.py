@@ -37,7 +37,7 @@ class LowPassFilter:
     order: int
     """Order of each pass."""
     sampling_rate: float
-    """Sampling rate of the filtered channel [Hz]."""
+    """Sampling rate of the filter [Hz]; infinite for an analog one."""
     kind: FilterKind = "zero-lag"
     is_aligned: bool = False
     """Whether the channel is not late to the inputs: they went through the same filter, or its delay was subtracted."""
@@ -49,11 +49,14 @@ class LowPassFilter:
 
     @property
     def delay(self) -> float:
-        """Delay of a slow signal [s]: the group delay at 0 Hz, ``sum(Re(-1/p)) / (2 pi f_c)`` for poles ``p``."""
+        """Delay of a slow signal [s]: the group delay at 0 Hz, ``sum(Re(-1/p)) / (2 pi f_c)`` for poles ``p``.
+
+        A digital filter has ``f_s tan(pi f_c / f_s)`` in place of ``pi f_c``, at the sampling rate ``f_s``.
+        """
         if not self.has_delay:
             return 0.0
-        scale = np.tan(np.pi * self.cutoff / self.sampling_rate) * self.sampling_rate * 2.0
-        return float(np.sum((-1.0 / _compute_poles(self.kind, self.order)).real) / scale)
+        rate = 2.0 * float(self._warp(np.array([self.cutoff]))[0])
+        return float(np.sum((-1.0 / _compute_poles(self.kind, self.order)).real) / rate)
 
     @property
     def lateness(self) -> float:
@@ -65,18 +68,22 @@ class LowPassFilter:
         """Exponent n of the amplitude far above the cut-off frequency, ``f^-n``."""
         return self.order if self.has_delay else 2 * self.order
 
+    def _warp(self, frequency: Array) -> Array:
+        """Return pi times the frequency [Hz] of the analog filter that the bilinear transform makes ``frequency``."""
+        if np.isinf(self.sampling_rate):
+            return np.pi * frequency
+        return self.sampling_rate * np.tan(np.pi * frequency / self.sampling_rate)
+
     def compute_response(self, frequency: Array) -> NDArray[np.complex128]:
         """Return the frequency response [1] at ``frequency`` [Hz] (n,).
 
-        A pass is ``H = prod(-p / (j w - p))`` with the poles ``p`` of the analog filter and ``w = tan(pi f / f_s) /
-        tan(pi f_c / f_s)`` at the sampling rate ``f_s``, by the bilinear transform (Oppenheim and Schafer,
-        Discrete-Time Signal Processing, 2010, 7.2); a zero-lag filter is ``|H|^2``. Above half the sampling rate it is
-        0. An aligned channel has no :attr:`delay`, only the shape that the filter gives to a signal.
+        A pass is ``H = prod(-p / (j w - p))`` with the poles ``p`` of the analog filter and ``w = f / f_c``, or, for a
+        digital filter with the sampling rate ``f_s``, ``w = tan(pi f / f_s) / tan(pi f_c / f_s)`` below half of it, by
+        the bilinear transform (Oppenheim and Schafer, Discrete-Time Signal Processing, 2010, 7.2). A zero-lag filter is
+        ``|H|^2``. An aligned channel has no :attr:`delay`, only the shape that the filter gives to a signal.
         """
         is_sampled = frequency < 0.5 * self.sampling_rate
-        ratio = np.tan(np.pi * frequency[is_sampled] / self.sampling_rate) / np.tan(
-            np.pi * self.cutoff / self.sampling_rate
-        )
+        ratio = self._warp(frequency[is_sampled]) / self._warp(np.array([self.cutoff]))
         response = np.zeros(len(frequency), dtype=np.complex128)
         if self.has_delay:
             poles = _compute_poles(self.kind, self.order)

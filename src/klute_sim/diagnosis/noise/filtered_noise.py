@@ -5,10 +5,11 @@ through the same filter. The noise shows it: it was white before, possibly with 
 has the shape of the filter. It is the difference between repeats, of their residuals where their inputs differ.
 
 A spectrum does not show the phase of a filter, but those of amplifiers, which have a delay, fall in another way than
-those that a program applies forward and backward. Where that does not decide, the signals do
+those that a program applies forward and backward. Where it permits several, the signals decide
 (:mod:`klute_sim.diagnosis.filter_refinement`).
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -24,25 +25,25 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.noise.repeats import align_repeats, list_channels
 from klute_sim.types import Array
 
-ZERO_LAG_SHAPES: tuple[tuple[FilterKind, int], ...] = tuple(("zero-lag", order) for order in (1, 2, 3, 4))
-"""Kinds and orders of the filters without delay that are tried."""
-DELAYING_SHAPES: tuple[tuple[FilterKind, int], ...] = (
-    *(("butterworth", order) for order in (2, 3, 4, 6, 8)),
-    *(("bessel", order) for order in (2, 4, 6, 8)),
-)
-"""Kinds and orders of the filters with delay that are tried."""
+ZERO_LAG_ORDERS = 1, 2, 3, 4
+"""Orders of the filters without delay that are tried."""
+DELAYING_ORDERS: Mapping[FilterKind, Sequence[int]] = {"butterworth": (2, 3, 4, 6, 8), "bessel": (2, 4, 6, 8)}
+"""Kind -> orders of the filters with delay that are tried."""
 MIN_EXPONENT = 4
 """Smallest exponent of a filter in its stop band: devices and instruments make noise with smaller ones (assumed)."""
+MAX_SHAPE_LOSS = 10.0
+"""Fall of the logarithm of the likelihood up to which the noise permits a filter with delay of another shape
+(assumed)."""
 MIN_KIND_GAIN = 10.0
 """Gain of the logarithm of the likelihood by which the noise shows a filter with delay (assumed)."""
-N_CUTOFFS = 60
+N_CUTOFFS = 40
 """Number of cut-off frequencies that are tried."""
-CUTOFF_FACTORS = np.geomspace(0.8, 1.25, 61)
+CUTOFF_FACTORS = np.geomspace(0.87, 1.15, 29)
 """Cut-off frequencies that are tried around the best one of an order, over it."""
 POLE_FACTORS = np.inf, 4.0, 2.0, 1.0, 0.5
 """Frequencies above which the noise before the filter falls, as that of a sensor with a lag, over the cut-off
 frequency."""
-MAX_COMMON_LOSS = 4.0
+MAX_COMMON_LOSS = 10.0
 """Fall of the logarithm of the likelihood of a channel up to which it went through the filter of others (assumed)."""
 N_BANDS = 200
 """Number of bands, evenly spaced on a logarithmic scale, in which the frequencies of a spectrum are averaged."""
@@ -65,6 +66,17 @@ FLOOR_FRACTIONS = np.append(1e-12, np.geomspace(MIN_POWER_FRACTION, 1e-2, 5))
 first one is that of rounding errors."""
 
 
+Filters = dict[str, LowPassFilter]
+"""Channel -> the filter that it went through."""
+
+
+class _Candidate(NamedTuple):
+    filters: Filters
+    misfit: float
+    """Negative logarithm of the likelihood of the noise of the filtered channels."""
+    has_delay: bool
+
+
 class _Spectrum(NamedTuple):
     frequency: Array
     """Frequencies above 0 [Hz], (n,)."""
@@ -74,18 +86,13 @@ class _Spectrum(NamedTuple):
     """Number of averaged frequencies, (n,)."""
 
 
-Filters = dict[str, LowPassFilter]
-"""Channel -> the filter that it went through."""
-Shapes = tuple[tuple[FilterKind, int], ...]
-
-
 def add_low_pass_filters(
     experiments: Sequence[Experiment],
     fit_experiments: Sequence[Experiment],
     sampling_rates: Mapping[str, float],
     simulator: Simulator,
-) -> tuple[list[Experiment], Filters]:
-    """Return ``experiments`` with the filters detected in ``fit_experiments``, and those of the other kind.
+) -> tuple[list[Experiment], list[Filters]]:
+    """Return ``experiments`` with the filters detected in ``fit_experiments``, and others that the noise permits.
 
     ``sampling_rates`` [Hz] are those of the measured channels before samples were left out. Samples near the ends of a
     filtered record are left out. Channels without repeats get no filter.
@@ -97,7 +104,7 @@ def add_low_pass_filters(
         candidates = [_compare_repeats(fit_experiments, rows, channel) for rows in (values, residuals)]
         # Residuals contain the noise of the recorded inputs, and values what differs between the inputs.
         differences[channel] = min(candidates, key=lambda rows: float(np.sum([change @ change for _, change in rows])))
-    filters, others = detect_low_pass_filters(differences, sampling_rates)
+    filters, *others = detect_low_pass_filters(differences, sampling_rates) or [{}]
     return [_add_filters(e, filters) if filters else e for e in experiments], others
 
 
@@ -165,78 +172,114 @@ def _compute_spectrum(time: Array, difference: Array) -> _Spectrum | None:
 
 def detect_low_pass_filters(
     differences: Mapping[str, Sequence[tuple[Array, Array]]], sampling_rates: Mapping[str, float]
-) -> tuple[Filters, Filters]:
-    """Return the filters that the noise of channels went through, and those of the other kind, with or without delay.
+) -> list[Filters]:
+    """Return the filters that the noise of channels went through, and after them others that it permits.
 
     ``differences`` between repeats are pairs of times [s] (n,) and values [SI] (n,); ``sampling_rates`` [Hz] are those
-    of the filters. The likelier kind is the first one, but without clear evidence it has no delay. Channels without a
-    filter are left out.
+    of the channels. Without clear evidence the first ones have no delay. All channels have the same kind and order, and
+    those without a filter are left out; the list is empty without any.
     """
-    spectra = {
-        channel: [s for s in (_compute_spectrum(*difference) for difference in rows) if s is not None]
-        for channel, rows in differences.items()
-    }
-    (zero_lag, misfits), (delaying, other_misfits) = (
-        _detect_kind(spectra, sampling_rates, shapes) for shapes in (ZERO_LAG_SHAPES, DELAYING_SHAPES)
-    )
-    compared = (zero_lag.keys() | delaying.keys()) & misfits.keys() & other_misfits.keys()
-    gain = sum(misfits[channel] - other_misfits[channel] for channel in compared)
-    has_delay = delaying and (not zero_lag or gain > MIN_KIND_GAIN)
-    return (delaying, zero_lag) if has_delay else (zero_lag, delaying)
-
-
-def _detect_kind(
-    all_spectra: Mapping[str, Sequence[_Spectrum]], sampling_rates: Mapping[str, float], shapes: Shapes
-) -> tuple[Filters, dict[str, float]]:
-    """Return the filters of these ``shapes`` that the noise went through, and the least misfit of each channel.
-
-    Channels share a filter where that is nearly as likely, because the noise of one shows it to a few per cent only,
-    and noise that is not white beside it not at all.
-    """
-    spectra, likeliest, filters = {}, {}, {}
-    for channel, own in all_spectra.items():
-        found = _find_likeliest(own, sampling_rates[channel], shapes) if own else None
-        if found is None:
+    spectra, likeliest, filtered = {}, {}, []
+    for channel, rows in differences.items():
+        found = [s for s in (_compute_spectrum(*difference) for difference in rows) if s is not None]
+        shapes = _list_shapes(sampling_rates[channel])
+        best = _find_likeliest(found, shapes) if found else None
+        if best is None:
             continue
-        spectra[channel], likeliest[channel] = [_cut_spectrum(s) for s in own], found
-        if found.stop_band_exponent >= MIN_EXPONENT and _has_shape(own, found.cutoff):
-            filters[channel] = found
-    misfits = {channel: _compute_misfit(own, likeliest[channel]) for channel, own in spectra.items()}
-    if not filters:
-        return {}, misfits
-    start = next(iter(filters.values()))
-    common = _fit_filter([s for channel in filters for s in spectra[channel]], start, shapes)
-    losses = {c: _compute_misfit(own, common) - misfits[c] for c, own in spectra.items()}
-    is_shared = all(losses[channel] <= MAX_COMMON_LOSS for channel in filters)
+        spectra[channel], likeliest[channel] = found, best
+        steep = best if _is_steep(best) else _find_likeliest(found, [each for each in shapes if _is_steep(each)])
+        if steep is None or not _has_shape(found, steep.cutoff):
+            continue
+        passed = [_cut_spectrum(s) for s in found]
+        if _compute_misfit(passed, steep) <= _compute_misfit(passed, best) + MAX_SHAPE_LOSS:
+            filtered.append(channel)
+    if not filtered:
+        return []
+    candidates = [
+        _fit_shape(spectra, likeliest, filtered, shape, sampling_rates)
+        for shape in _list_shapes(sampling_rates[filtered[0]])
+        if _is_steep(shape)
+    ]
+    candidates.sort(key=lambda candidate: candidate.misfit)
+    zero_lag, delaying = ([each for each in candidates if each.has_delay == has_delay] for has_delay in (False, True))
+    permitted = [each for each in delaying if each.misfit <= delaying[0].misfit + MAX_SHAPE_LOSS]
+    is_late = delaying[0].misfit < zero_lag[0].misfit - MIN_KIND_GAIN
+    ordered = [*permitted, zero_lag[0]] if is_late else [zero_lag[0], *permitted]
+    return [candidate.filters for candidate in ordered]
+
+
+def _list_shapes(sampling_rate: float) -> list[LowPassFilter]:
+    """Return a filter of each shape that is tried for a channel with ``sampling_rate`` [Hz]; cut-offs do not matter.
+
+    Filters with delay are analog, or digital ones of the channel.
+    """
+    return [LowPassFilter(1.0, order, sampling_rate) for order in ZERO_LAG_ORDERS] + [
+        LowPassFilter(1.0, order, rate, kind)
+        for kind, orders in DELAYING_ORDERS.items()
+        for order in orders
+        for rate in (math.inf, sampling_rate)
+    ]
+
+
+def _is_steep(shape: LowPassFilter) -> bool:
+    return shape.stop_band_exponent >= MIN_EXPONENT
+
+
+def _fit_shape(
+    all_spectra: Mapping[str, Sequence[_Spectrum]],
+    likeliest: Mapping[str, LowPassFilter],
+    filtered: Sequence[str],
+    shape: LowPassFilter,
+    sampling_rates: Mapping[str, float],
+) -> _Candidate:
+    """Return the filters of this ``shape`` of the channels that were ``filtered``.
+
+    Channels share a cut-off frequency where that is nearly as likely, because the noise of one shows it to a few per
+    cent only, and noise that is not white beside it not at all. Other channels, with a ``likeliest`` filter of any
+    shape, join where the shared one is nearly as likely.
+    """
+    spectra = {channel: [_cut_spectrum(s) for s in rows] for channel, rows in all_spectra.items()}
+    rates = {channel: math.inf if math.isinf(shape.sampling_rate) else sampling_rates[channel] for channel in spectra}
+    filters = {
+        channel: _find_likeliest(all_spectra[channel], [replace(shape, sampling_rate=rates[channel])])
+        or likeliest[channel]
+        for channel in filtered
+    }
+    start = replace(shape, cutoff=float(np.exp(np.mean([np.log(each.cutoff) for each in filters.values()]))))
+    common = _fit_cutoff([s for channel in filtered for s in spectra[channel]], start)
+    losses = {
+        channel: _compute_misfit(own, common) - _compute_misfit(own, filters.get(channel, likeliest[channel]))
+        for channel, own in spectra.items()
+    }
+    is_shared = all(losses[channel] <= MAX_COMMON_LOSS for channel in filtered)
     for channel, loss in losses.items():
         if loss <= MAX_COMMON_LOSS and (is_shared or channel not in filters):
-            filters[channel] = replace(common, sampling_rate=sampling_rates[channel])
-    return filters, misfits
+            filters[channel] = replace(common, sampling_rate=rates[channel])
+    misfit = sum(_compute_misfit(spectra[channel], filters[channel]) for channel in filtered)
+    return _Candidate(filters, misfit, shape.has_delay)
 
 
-def _find_likeliest(spectra: Sequence[_Spectrum], sampling_rate: float, shapes: Shapes) -> LowPassFilter | None:
-    """Return the most likely filter of one channel with ``spectra``; None where they show none with a stop band."""
+def _find_likeliest(spectra: Sequence[_Spectrum], shapes: Sequence[LowPassFilter]) -> LowPassFilter | None:
+    """Return the most likely filter of one channel, of one of ``shapes``; None where ``spectra`` show no stop band."""
     nyquist = min(s.frequency[-1] for s in spectra)
     lowest = max(MIN_PASS_BINS * 2.0 * s.frequency[0] for s in spectra)
-    if lowest >= nyquist:
+    if lowest >= nyquist or _compute_stop_ratio(spectra, lowest) > 1.0 / MIN_STOP_RATIO:
         return None
     passed = [_cut_spectrum(spectrum) for spectrum in spectra]
     coarse = [
-        LowPassFilter(float(cutoff), order, sampling_rate, kind)
-        for kind, order in shapes
-        for cutoff in np.geomspace(lowest, nyquist, N_CUTOFFS)[:-1]
+        min(
+            (replace(shape, cutoff=float(cutoff)) for cutoff in np.geomspace(lowest, nyquist, N_CUTOFFS)[:-1]),
+            key=lambda tried: _compute_misfit(passed, tried),
+        )
+        for shape in shapes
     ]
-    best = _fit_filter(passed, min(coarse, key=lambda tried: _compute_misfit(passed, tried)), shapes)
+    best = min((_fit_cutoff(passed, each) for each in coarse), key=lambda tried: _compute_misfit(passed, tried))
     return best if best.cutoff < MAX_CUTOFF_NYQUIST_FRACTION * nyquist else None
 
 
-def _fit_filter(spectra: Sequence[_Spectrum], start: LowPassFilter, shapes: Shapes) -> LowPassFilter:
-    """Return the most likely filter near ``start``, of one of these ``shapes``."""
-    tried = [
-        replace(start, cutoff=start.cutoff * float(factor), order=order, kind=kind)
-        for kind, order in shapes
-        for factor in CUTOFF_FACTORS
-    ]
+def _fit_cutoff(spectra: Sequence[_Spectrum], start: LowPassFilter) -> LowPassFilter:
+    """Return the most likely filter of the shape and near the cut-off frequency of ``start``."""
+    tried = [replace(start, cutoff=start.cutoff * float(factor)) for factor in CUTOFF_FACTORS]
     return min(tried, key=lambda each: _compute_misfit(spectra, each))
 
 
@@ -268,11 +311,31 @@ def _compute_misfit(spectra: Sequence[_Spectrum], tried: LowPassFilter) -> float
 
 def _has_shape(spectra: Sequence[_Spectrum], cutoff: float) -> bool:
     """Return whether the noise is white in the pass band of a filter with this ``cutoff`` [Hz], and gone far above."""
-    powers = []
-    for frequency, power, n_averaged in spectra:
-        lower, upper = frequency < 0.25 * cutoff, (frequency >= 0.25 * cutoff) & (frequency < 0.5 * cutoff)
-        bands = lower, upper, frequency > MIN_STOP_FRACTION * frequency[-1], lower | upper
-        means = [float(np.average(power[band], weights=n_averaged[band])) if band.any() else np.nan for band in bands]
-        powers.append([mean / means[-1] for mean in means[:-1]])
-    lower, upper, stopped_power = np.mean(powers, axis=0)
-    return bool(1.0 / MAX_PASS_RATIO < lower / upper < MAX_PASS_RATIO and stopped_power < 1.0 / MIN_STOP_RATIO)
+    lower, upper = (
+        np.mean(
+            [_average_power(s, low * cutoff, high * cutoff) / _average_power(s, 0.0, 0.5 * cutoff) for s in spectra]
+        )
+        for low, high in ((0.0, 0.25), (0.25, 0.5))
+    )
+    is_white = 1.0 / MAX_PASS_RATIO < lower / upper < MAX_PASS_RATIO
+    return bool(is_white and _compute_stop_ratio(spectra, 0.5 * cutoff) < 1.0 / MIN_STOP_RATIO)
+
+
+def _compute_stop_ratio(spectra: Sequence[_Spectrum], end: float) -> float:
+    """Return the power of the noise at the highest frequencies over that up to ``end`` [Hz]."""
+    return float(
+        np.mean(
+            [
+                _average_power(s, MIN_STOP_FRACTION * s.frequency[-1], np.inf) / _average_power(s, 0.0, end)
+                for s in spectra
+            ]
+        )
+    )
+
+
+def _average_power(spectrum: _Spectrum, start: float, end: float) -> float:
+    """Return the mean power density [SI^2/Hz] from ``start`` to ``end`` [Hz]; not a number without any frequency."""
+    is_inside = (spectrum.frequency >= start) & (spectrum.frequency < end)
+    if not is_inside.any():
+        return math.nan
+    return float(np.average(spectrum.power[is_inside], weights=spectrum.n_averaged[is_inside]))
