@@ -17,6 +17,7 @@ from klute_sim.diagnosis.experiments.gait import GaitExperiment
 from klute_sim.diagnosis.experiments.interpolation import changes_in_steps, shows_updates
 from klute_sim.diagnosis.experiments.mechanism import MechanismExperiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.noise import misfit
 from klute_sim.diagnosis.noise.misfit import Misfit
 from klute_sim.diagnosis.noise.repeats import Noise
 from tests.diagnosis import synthetic_gait_dataset
@@ -144,7 +145,7 @@ def replace_computations(monkeypatch: pytest.MonkeyPatch, *, chi2: float, has_re
     def estimate(experiments: Any, rms: float, noise: Mapping[str, Noise]) -> dict[str, Misfit]:
         return {channel: Misfit(rms, 9.0, 400.0) for channel in noise} if has_repeats else {}
 
-    monkeypatch.setattr(command_interpolation, "estimate_misfit", estimate)
+    monkeypatch.setattr(misfit, "estimate_misfit", estimate)
 
 
 def select_interpolation(linear: Any, hold: Any) -> tuple[Any, list[str]]:

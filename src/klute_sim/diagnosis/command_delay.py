@@ -16,7 +16,8 @@ from klute_sim.diagnosis.experiments.registration import COMMAND_DELAY
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
+from klute_sim.diagnosis.noise.misfit import has_misfit
+from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.naming import MIN_DELAY_SAMPLES
 from klute_sim.types import Array
 
@@ -42,7 +43,7 @@ def add_command_delay(data: WeightedData, base_fit: Fit) -> Hypothesis | None:
     repeats, nothing tells whether the delay explains the pressures.
     """
     interval = max(e.command_interval for e in data.experiments)
-    pressures = replace(data, noise={n: noise for n, noise in data.noise.items() if is_pressure(n)}, cache=None)
+    pressures = replace(data, noise=select_pressure_noise(data), cache=None)
     if not (interval and pressures.noise and has_repeats(data.experiments)):
         return None
     hypothesis = base_fit.hypothesis
@@ -72,7 +73,7 @@ def complete_with_command_delay(data: WeightedData, fit: Fit) -> Fit | None:
     """
     interval = max(e.command_interval for e in data.experiments)
     names = [parameter.name for parameter in fit.hypothesis.parameters]
-    if not interval or COMMAND_DELAY in names or not any(map(is_pressure, data.noise)):
+    if not interval or COMMAND_DELAY in names or not select_pressure_noise(data):
         return None
     extended = fit_hypothesis(data, *_extend(fit, interval))
     gain = fit.chi2 - extended.chi2 - math.log(data.n_effective)
@@ -99,13 +100,20 @@ def _is_delay_of_log(data: WeightedData, fit: Fit, interval: float) -> bool:
 def explains_pressures(data: WeightedData, fit: Fit) -> bool:
     """Return whether the delay of the command in ``fit`` is one of its log, and leaves no misfit of a pressure."""
     interval = max(e.command_interval for e in data.experiments)
-    return _is_delay_of_log(data, fit, interval) and not has_pressure_misfit(data, fit)
+    return _is_delay_of_log(data, fit, interval) and not has_misfit(
+        data.experiments, fit.residuals, select_pressure_noise(data)
+    )
 
 
 def has_pressure_misfit(data: WeightedData, fit: Fit) -> bool:
-    """Return whether repeats show a misfit of ``fit`` in a measured pressure."""
-    misfits = estimate_misfit(data.experiments, fit.residuals, data.noise)
-    return any(is_significant(misfit) for name, misfit in misfits.items() if is_pressure(name))
+    """Return whether repeats of ``data`` show a misfit of ``fit`` in a measured pressure."""
+    noise = select_pressure_noise(data)
+    return bool(noise) and has_misfit(data.experiments, data.compute_residuals(fit.hypothesis, [fit.x])[0], noise)
+
+
+def select_pressure_noise(data: WeightedData) -> dict[str, Noise]:
+    """Return measured pressure -> its noise."""
+    return {name: noise for name, noise in data.noise.items() if is_pressure(name)}
 
 
 def is_pressure(channel: str) -> bool:

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from klute_sim.diagnosis.command_delay import has_pressure_misfit, select_pressure_noise
 from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.final_model import FinalModel
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.refits import refit_without_term
@@ -120,7 +120,7 @@ def prepare_zero_order_hold(
     """
     if not has_repeats(linear.data.experiments) or not _has_zero_order_hold_variants(linear.experiments):
         return None
-    if not _has_misfit(linear.data, linear.base_fit):
+    if not has_pressure_misfit(linear.data, linear.base_fit):
         return None
     changing = [e for e in linear.experiments if e.zero_order_hold_variant]
     preparations = [
@@ -139,7 +139,7 @@ def prepare_zero_order_hold(
         if _is_pressure_explained_by_hold(linear, stepped):
             return preparations[1]
     extended = _fit_gauges_and_supply(linear)
-    if not _has_misfit(extended.data, extended.base_fit):  # linear interpolation agrees as well
+    if not has_pressure_misfit(extended.data, extended.base_fit):  # linear interpolation agrees as well
         return None
     return next(
         (c for c in preparations if _is_pressure_explained_by_hold(extended, _fit_gauges_and_supply(c[0]))), None
@@ -152,7 +152,7 @@ def _fit_gauges_and_supply(prepared: Preparation) -> Preparation:
     Of the uncertain numbers, only those of the supply are fitted; the pressure hardly depends on others.
     """
     data, device = prepared.data, prepared.base_fit.hypothesis
-    pressures = replace(data, noise=_select_pressure_noise(data), cache=None)
+    pressures = replace(data, noise=select_pressure_noise(data), cache=None)
     supply = tuple((key, std) for key, std in device.uncertainties if key.rpartition("/")[2].startswith("supply."))
     gauges = (EffectTerm(effect, "linear", name) for name in pressures.noise for effect in GAUGE_EFFECTS)
     hypothesis = replace(device, uncertainties=supply, registration=(), terms=(*device.terms, *gauges, *SUPPLY_TERMS))
@@ -190,7 +190,7 @@ def select_command_interpolation(
     experiments = [e.zero_order_hold_variant or e for e in linear.experiments]
     fitted = [e for e in experiments if e.use == "fit" and e.measured]
     has_less_misfit = _compute_chi2(linear.data.with_experiments(fitted), linear.base_fit) <= linear.base_fit.chi2
-    is_doubtful = linear.n_time_shifts > 0 or _has_misfit(linear.data, linear.selected.final_fit)
+    is_doubtful = linear.n_time_shifts > 0 or has_pressure_misfit(linear.data, linear.selected.final_fit)
     if not (has_less_misfit or is_doubtful):
         return linear, []
     progress(0.2, "fitting with a zero-order hold of the commands")
@@ -240,7 +240,7 @@ def reconsider_linear_interpolation(
     if hold.selected.verdict == "nothing-missing":
         return hold
     data, threshold = _copy_weights(linear.data, hold.data), hold.search.bic_threshold
-    gauges = (EffectTerm("clock_skew", "linear", channel) for channel in _select_pressure_noise(data))
+    gauges = (EffectTerm("clock_skew", "linear", channel) for channel in select_pressure_noise(data))
     shifted = (linear.base_fit.hypothesis.with_term(term) for term in (DELAY_TERM, *gauges))
     best_bic = min(fit_hypothesis(data, hypothesis).bic(data.n_effective) for hypothesis in shifted)
     if best_bic > hold.base_fit.bic(hold.data.n_effective) - threshold:
@@ -267,10 +267,10 @@ def _is_pressure_explained_by_hold(linear: Preparation | Outcome, hold: Preparat
     Nothing is named in either. The law of the muscle is not in a pressure, so that it decides where an imperfect law
     leaves a misfit of the force for either interpolation.
     """
-    if not _select_pressure_noise(hold.data) or not has_repeats(hold.data.experiments):
+    if not select_pressure_noise(hold.data) or not has_repeats(hold.data.experiments):
         return False
-    is_left = _has_misfit(hold.data, hold.base_fit)
-    return not is_left and _has_misfit(_copy_weights(linear.data, hold.data), linear.base_fit)
+    is_left = has_pressure_misfit(hold.data, hold.base_fit)
+    return not is_left and has_pressure_misfit(_copy_weights(linear.data, hold.data), linear.base_fit)
 
 
 def _is_less_left_by_hold(linear: Outcome, hold: Preparation) -> bool:
@@ -278,7 +278,7 @@ def _is_less_left_by_hold(linear: Outcome, hold: Preparation) -> bool:
 
     Nor may it leave more than linear interpolation with all names does.
     """
-    noise = _select_pressure_noise(hold.data)
+    noise = select_pressure_noise(hold.data)
     if not noise or has_repeats(hold.data.experiments):
         return False
     left = _compute_mean_square(hold.data, hold.base_fit, noise)
@@ -293,22 +293,11 @@ def _is_pressure_explained_by_names(linear: Outcome, hold: Outcome) -> bool:
 
     Linear interpolation must leave a misfit without names, too: proxies for another effect may disturb the pressures.
     """
-    if not _has_misfit(_copy_weights(linear.data, hold.data), linear.base_fit):
+    if not has_pressure_misfit(_copy_weights(linear.data, hold.data), linear.base_fit):
         return False
-    return _has_misfit(linear.data, linear.selected.final_fit) and not _has_misfit(hold.data, hold.selected.final_fit)
-
-
-def _select_pressure_noise(data: WeightedData) -> dict[str, Noise]:
-    return {name: value for name, value in data.noise.items() if name.startswith("pressure")}
-
-
-def _has_misfit(data: WeightedData, fit: Fit) -> bool:
-    """Return whether repeats of ``data`` show a misfit of ``fit`` in a measured pressure."""
-    noise = _select_pressure_noise(data)
-    if not noise:
-        return False
-    residuals = data.compute_residuals(fit.hypothesis, [fit.x])[0]
-    return any(map(is_significant, estimate_misfit(data.experiments, residuals, noise).values()))
+    return has_pressure_misfit(linear.data, linear.selected.final_fit) and not has_pressure_misfit(
+        hold.data, hold.selected.final_fit
+    )
 
 
 def _compute_mean_square(data: WeightedData, fit: Fit, noise: Mapping[str, Noise]) -> float:

@@ -19,7 +19,7 @@ from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
+from klute_sim.diagnosis.noise.misfit import has_misfit
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.refits import refit_without_term
 
@@ -170,5 +170,4 @@ def _filter_alike(experiment: Experiment, filters: Filters) -> Experiment:
 def _has_misfit(preparation: Preparation) -> bool:
     """Return whether repeats show a misfit of any channel without added effects."""
     data = preparation.data
-    misfits = estimate_misfit(data.experiments, preparation.base_fit.residuals, data.noise)
-    return any(map(is_significant, misfits.values()))
+    return has_misfit(data.experiments, preparation.base_fit.residuals, data.noise)

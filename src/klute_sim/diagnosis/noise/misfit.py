@@ -73,6 +73,11 @@ def estimate_misfit(
     return misfits
 
 
+def has_misfit(experiments: Sequence[Experiment], residuals: Residuals, noise: Mapping[str, Noise]) -> bool:
+    """Return whether repeats show a significant misfit in a channel of ``noise``."""
+    return any(map(is_significant, estimate_misfit(experiments, residuals, noise).values()))
+
+
 def _squared_variance(repeats: AlignedRepeats, correlation_time: float) -> Array:
     """Return the squared local noise variance [SI^4] of ``repeats``: (samples,).
 
