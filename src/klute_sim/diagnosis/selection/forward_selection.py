@@ -24,6 +24,7 @@ from klute_sim.diagnosis.selection.naming import (
     find_infeasible_terms,
     find_unresolved_delays,
 )
+from klute_sim.diagnosis.selection.nested_forms import restart_nested_forms
 from klute_sim.diagnosis.selection.refits import refit_with_replacement, refit_without_term
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates, select_shortlist
 from klute_sim.diagnosis.selection.selection_step import SelectionStep
@@ -230,7 +231,7 @@ class ForwardSelection:
                     max_nfev=max_nfev_by_round[index],
                     reference=fit,
                 )
-        return sorted([*fits, *dropped], key=self._bic)
+        return sorted(restart_nested_forms(self.data, [*fits, *dropped], max_nfev_by_round[-1]), key=self._bic)
 
     def _initial_guess(self, current: Fit, candidate: Candidate) -> Array:
         """Return the best starting point for ``candidate``.

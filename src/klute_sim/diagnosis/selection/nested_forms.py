@@ -1,0 +1,60 @@
+"""Fits of forms of an effect that contain a simpler form: they cannot explain less than it does.
+
+Where one does, its fit has ended in a local minimum, and begins again where the simpler form ended.
+"""
+
+from collections.abc import Sequence
+
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
+from klute_sim.types import Array
+
+MIN_CHI2_EXCESS = 1.0
+"""Chi squared that a form leaves beyond a simpler one from which on its fit is wrong, and not only unfinished."""
+
+
+def restart_nested_forms(data: WeightedData, fits: Sequence[Fit], max_nfev: int) -> list[Fit]:
+    """Return ``fits``, which differ in their last term, with better ones of forms that explain less than a simpler one.
+
+    ``max_nfev`` is the largest number of evaluations of a new fit.
+    """
+    return [_restart_at_simpler_form(data, fit, fits, max_nfev) for fit in fits]
+
+
+def _restart_at_simpler_form(data: WeightedData, fit: Fit, fits: Sequence[Fit], max_nfev: int) -> Fit:
+    simpler = [other for other in fits if _is_simpler_form(other.hypothesis.terms[-1], fit.hypothesis.terms[-1])]
+    best = min(simpler, key=lambda other: other.chi2, default=fit)
+    if not best.chi2 < fit.chi2 - MIN_CHI2_EXCESS:
+        return fit
+    start = _carry_values(best, fit.hypothesis)
+    if start is None:
+        return fit
+    restarted = fit_hypothesis(data, fit.hypothesis, start, max_nfev=max_nfev)
+    return restarted if restarted.chi2 < fit.chi2 else fit
+
+
+def _is_simpler_form(term: EffectTerm, other: EffectTerm) -> bool:
+    """Return whether ``term`` is another form of the effect of ``other``, with fewer parameters."""
+    return term.identity == other.identity and len(term.parameters) < len(other.parameters)
+
+
+def _carry_values(simple: Fit, hypothesis: Hypothesis) -> Array | None:
+    """Return the point of ``hypothesis`` with the values of ``simple``, and neutral ones of its other parameters.
+
+    A parameter has the name of the simpler form, or one that ends with it, as the resistance of a valve to filling.
+    None where a parameter of the simpler form has no counterpart.
+    """
+    last = len(simple.hypothesis.terms) - 1
+    start = hypothesis.initial_point()
+    own = {p.name: i for i, p in enumerate(hypothesis.parameters) if p.term_index == last}
+    for parameter, x in zip(simple.hypothesis.parameters, simple.x, strict=True):
+        if parameter.term_index != last:
+            continue
+        match = [i for name, i in own.items() if name == parameter.name or name.endswith(f"_{parameter.name}")]
+        if len(match) != 1:
+            return None
+        start[match[0]] = x
+    n_known = sum(p.term_index != last for p in hypothesis.parameters)
+    start[:n_known] = simple.x[:n_known]
+    return start

@@ -1,0 +1,78 @@
+"""A form that contains a simpler one does not explain less than it does."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from klute_sim.datasets.dataset import load_dataset, split_dataset
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
+from klute_sim.diagnosis.selection.nested_forms import restart_nested_forms
+from klute_sim.diagnosis.workflow import fit_base_device
+from tests.diagnosis.synthetic_dataset import write_dataset
+
+SYMMETRIC, ASYMMETRIC = EffectTerm("choked_valve", "symmetric"), EffectTerm("choked_valve", "asymmetric")
+VALVE = {"fill_resistance_s_bar_per_dm3": 0.4, "exhaust_factor": 1.8, "critical_ratio": 0.4}
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[WeightedData, Fit]]:
+    folder = tmp_path_factory.mktemp("nested") / "data"
+    dataset = load_dataset(write_dataset(folder, {("choked_valve", "asymmetric"): VALVE}, groups=("fit_1", "fit_2")))
+    simulator = Simulator(1)
+    experiments = prepare_experiments(dataset, split_dataset(dataset))
+    fit, data = fit_base_device(dataset, [replace(e, use="fit") for e in experiments], simulator)
+    yield data, fit
+    simulator.close()
+
+
+def fit_valve(data: WeightedData, base_fit: Fit, term: EffectTerm, max_nfev: int, **values: float) -> Fit:
+    """Return a fit with ``term`` that begins with ``values``."""
+    hypothesis = base_fit.hypothesis.with_term(term)
+    start = hypothesis.initial_point()
+    start[: len(base_fit.x)] = base_fit.x
+    for index, parameter in enumerate(hypothesis.parameters):
+        if parameter.name in values:
+            start[index] = parameter.normalize(values[parameter.name])
+    return fit_hypothesis(data, hypothesis, start, max_nfev=max_nfev)
+
+
+def test_fit_in_a_local_minimum_begins_at_the_simpler_form(prepared: tuple[WeightedData, Fit]) -> None:
+    data, base_fit = prepared
+    simple = fit_valve(data, base_fit, SYMMETRIC, 30, resistance_s_bar_per_dm3=0.6, critical_ratio=0.5)
+    stuck = fit_valve(data, base_fit, ASYMMETRIC, 1, fill_resistance_s_bar_per_dm3=0.006, exhaust_factor=2.0)
+    assert stuck.chi2 > 2.0 * simple.chi2
+    unchanged, restarted = restart_nested_forms(data, [simple, stuck], max_nfev=30)
+    assert unchanged is simple
+    assert restarted.chi2 < 0.9 * simple.chi2
+    exact = fit_valve(data, base_fit, ASYMMETRIC, 30, **VALVE)
+    assert restarted.chi2 - exact.chi2 < 0.1 * (simple.chi2 - exact.chi2)
+
+
+def make_fit(term: EffectTerm, chi2: float) -> Fit:
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), (("force", 3.0),), (term,))
+    x = np.zeros(len(hypothesis.parameters))
+    return Fit(hypothesis, x, np.array([np.sqrt(chi2)]), np.ones((1, len(x))), True, [])
+
+
+@pytest.mark.parametrize(
+    ("terms", "chi2"),
+    [
+        ((SYMMETRIC, ASYMMETRIC), (100.0, 100.5)),  # within the accuracy of preliminary fits
+        ((SYMMETRIC, ASYMMETRIC), (100.0, 60.0)),
+        ((EffectTerm("hose", "tube"), ASYMMETRIC), (100.0, 900.0)),  # another effect
+        ((EffectTerm("seal_friction", "coulomb"), EffectTerm("seal_friction", "viscous")), (100.0, 900.0)),
+    ],
+    ids=["equal", "better", "other effect", "as many parameters"],
+)
+def test_other_fits_stay(
+    prepared: tuple[WeightedData, Fit], terms: tuple[EffectTerm, EffectTerm], chi2: tuple[float, float]
+) -> None:
+    fits = [make_fit(*pair) for pair in zip(terms, chi2, strict=True)]
+    assert all(a is b for a, b in zip(restart_nested_forms(prepared[0], fits, max_nfev=5), fits, strict=True))
