@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 from klute_sim.diagnosis.command_interpolation import Outcome, Preparation
 from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
+from klute_sim.diagnosis.experiments.low_pass import Filters, LowPassFilter
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import has_misfit
@@ -26,6 +26,7 @@ from klute_sim.diagnosis.selection.refits import refit_without_term
 CUTOFF_DEVIATION = 0.1
 """Standard deviation of the logarithm of a cut-off frequency that the noise shows (assumed: records of 5 s)."""
 LOG_CUTOFF_STEP = 0.04
+"""Difference between the logarithms of two cut-off frequencies that are tried first."""
 LOG_CUTOFF_FACTORS = LOG_CUTOFF_STEP * np.arange(-7, 8)
 """Logarithms of the cut-off frequencies that are tried first, over the one that the noise shows."""
 LOG_CUTOFF_TOLERANCE = 1e-3
@@ -40,8 +41,6 @@ MIN_COST_GAIN = 10.0
 """Smallest fall of the misfit by other cut-off frequencies for which the model is fitted again (assumed)."""
 MAX_REFINEMENTS = 3
 """Largest number of such fits: the numbers of the device take a part of the error of a cut-off frequency."""
-
-Filters = Mapping[str, LowPassFilter]
 
 
 class _Candidate(NamedTuple):

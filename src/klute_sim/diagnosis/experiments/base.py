@@ -16,7 +16,7 @@ from klute_sim.datasets.trial import SensorLimits, TimeSeries, Trial, Use
 from klute_sim.datasets.unit_conversion import get_conversion_factor
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
-from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
+from klute_sim.diagnosis.experiments.low_pass import Filters
 from klute_sim.errors import InputError
 from klute_sim.plant.mjcf.model_effects import ModelEffect
 from klute_sim.types import Array
@@ -209,7 +209,7 @@ class Experiment(ABC):
     """Channels whose instrument is known to be correct."""
     quantizers: Mapping[str, SupportsQuantize] = field(default_factory=dict)
     """Channel -> quantizer of its display."""
-    filters: Mapping[str, LowPassFilter] = field(default_factory=dict)
+    filters: Filters = field(default_factory=dict)
     """Channel -> filter that it went through."""
     limits: Mapping[str, SensorLimits] = field(default_factory=dict)
     """Channel -> limits of its sensor [SI]; its samples are no further than these."""

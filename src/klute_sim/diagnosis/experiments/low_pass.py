@@ -1,5 +1,6 @@
 """Low-pass filter that a channel went through before it came here: of an amplifier, or of a data processing."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -119,3 +120,7 @@ class LowPassFilter:
         margin = END_PERIODS / self.cutoff
         is_inner = (series.time >= series.time[0] + margin) & (series.time <= series.time[-1] - margin)
         return TimeSeries(series.time[is_inner], series.value[is_inner])
+
+
+Filters = Mapping[str, LowPassFilter]
+"""Channel -> the filter that it went through."""

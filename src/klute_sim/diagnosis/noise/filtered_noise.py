@@ -20,7 +20,7 @@ from scipy.signal import detrend, periodogram
 
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.denoise import MAX_INTERVAL_VARIATION
-from klute_sim.diagnosis.experiments.low_pass import FilterKind, LowPassFilter
+from klute_sim.diagnosis.experiments.low_pass import FilterKind, Filters, LowPassFilter
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.noise.repeats import align_repeats, list_channels
 from klute_sim.types import Array
@@ -64,10 +64,6 @@ MIN_POWER_FRACTION = 1e-4
 FLOOR_FRACTIONS = np.append(1e-12, np.geomspace(MIN_POWER_FRACTION, 1e-2, 5))
 """Power of the noise behind the filter, such as that of the last digit, over the power before it, that is tried; the
 first one is that of rounding errors."""
-
-
-Filters = dict[str, LowPassFilter]
-"""Channel -> the filter that it went through."""
 
 
 class _Candidate(NamedTuple):
