@@ -48,10 +48,10 @@ def test_impossible_shard_is_refused(shard: str) -> None:
 def test_folder_without_results_is_refused_with_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("sys.argv", ["run", str(tmp_path), "--seed", "77", "--finished"])
+    monkeypatch.setattr("sys.argv", ["run", str(tmp_path), "--seed", "77", "78", "--finished"])
     with pytest.raises(SystemExit):
         main()
-    assert "has no result of seed 77" in capsys.readouterr().err
+    assert "has no result of seed 77, 78 in these blocks" in capsys.readouterr().err
 
 
 def test_crash_of_the_program_is_an_outcome_and_ends_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

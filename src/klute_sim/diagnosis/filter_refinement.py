@@ -40,7 +40,7 @@ CHANNEL_DELAYS = frozenset({"clock_skew", "sensor_lag"})
 MIN_COST_GAIN = 10.0
 """Smallest fall of the misfit by other cut-off frequencies for which the model is fitted again (assumed)."""
 MAX_REFINEMENTS = 3
-"""Largest number of such fits: the numbers of the device take a part of the error of a cut-off frequency."""
+"""Largest number of such fits (assumed): the numbers of the device take a part of the error of a cut-off frequency."""
 
 
 class _Candidate(NamedTuple):

@@ -11,7 +11,8 @@ from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.types import Array
 
 MIN_CHI2_EXCESS = 1.0
-"""Chi squared that a form leaves beyond a simpler one from which on its fit is wrong, and not only unfinished."""
+"""Chi squared that a form leaves beyond a simpler one from which on its fit is wrong, and not only unfinished
+(assumed)."""
 
 
 def restart_nested_forms(data: WeightedData, fits: Sequence[Fit], max_nfev: int) -> list[Fit]:
