@@ -22,6 +22,7 @@ from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import has_misfit
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.refits import refit_without_term
+from klute_sim.types import Array
 
 CUTOFF_DEVIATION = 0.1
 """Standard deviation of the logarithm of a cut-off frequency that the noise shows (assumed: records of 5 s)."""
@@ -48,15 +49,12 @@ class _Candidate(NamedTuple):
     """Filters with the cut-off frequencies that the noise shows."""
     detected_costs: Mapping[str, float]
     """Channel -> sum of its squared weighted residuals with these."""
+    detected_cost: float
+    """Chi squared with these."""
     refined: Filters
     """Filters with the cut-off frequencies that the signals show."""
     refined_cost: float
-    """Sum of all squared weighted residuals with those, and of the squared deviation of the cut-off frequency."""
-
-    @property
-    def detected_cost(self) -> float:
-        """Sum of all squared weighted residuals with the cut-off frequencies that the noise shows."""
-        return sum(self.detected_costs.values())
+    """Chi squared with those, and the squared deviation of the cut-off frequency."""
 
 
 def refine_filters(
@@ -137,25 +135,32 @@ def _compare_cutoffs(data: WeightedData, fit: Fit, filters: Filters) -> _Candida
     """Return ``filters`` with the cut-off frequencies that agree best with ``fit``."""
 
     def compute_cost(log_factor: float) -> float:
-        costs = _compute_costs(data, fit, _scale_cutoffs(filters, log_factor))
-        return sum(costs.values()) + (log_factor / CUTOFF_DEVIATION) ** 2
+        residuals = _compute_residuals(data, fit, _scale_cutoffs(filters, log_factor))
+        return float(residuals @ residuals) + (log_factor / CUTOFF_DEVIATION) ** 2
 
     nearest = min(LOG_CUTOFF_FACTORS, key=compute_cost)
     bounds = nearest - LOG_CUTOFF_STEP, nearest + LOG_CUTOFF_STEP
     found = minimize_scalar(compute_cost, bounds=bounds, method="bounded", options={"xatol": LOG_CUTOFF_TOLERANCE})
-    refined = _scale_cutoffs(filters, float(found.x))
-    return _Candidate(filters, _compute_costs(data, fit, filters), refined, float(found.fun))
-
-
-def _compute_costs(data: WeightedData, fit: Fit, filters: Filters) -> dict[str, float]:
-    """Return channel -> sum of the squared weighted residuals of ``fit`` with ``filters``."""
-    filtered = data.with_experiments([_filter_alike(e, filters) for e in data.experiments])
-    (residuals,) = filtered.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)
+    detected = _compute_residuals(data, fit, filters)
     costs = dict.fromkeys(data.noise, 0.0)
-    for row, weights in zip(residuals, data.weights, strict=True):
+    for row, weights in zip(data.split_weighted_residuals(detected), data.weights, strict=True):
         for channel, weight in weights.items():
             costs[channel] += float(np.sum((weight * row[channel]) ** 2))
-    return costs
+    refined = _scale_cutoffs(filters, float(found.x))
+    return _Candidate(filters, costs, float(detected @ detected), refined, float(found.fun))
+
+
+def _compute_residuals(data: WeightedData, fit: Fit, filters: Filters) -> Array:
+    """Return the weighted residuals of ``fit`` with ``filters``, after one linear step of all its parameters.
+
+    The parameters of ``fit`` have taken a part of the error of its own filters.
+    """
+    filtered = data.with_experiments([_filter_alike(e, filters) for e in data.experiments])
+    (residuals,) = filtered.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)
+    weighted = np.append(data.weight_residuals(residuals), data.compute_prior_residuals(fit.hypothesis, fit.x))
+    if not np.isfinite(weighted).all():  # a simulation diverges
+        return weighted
+    return np.asarray(weighted - fit.jacobian @ np.linalg.lstsq(fit.jacobian, weighted)[0])
 
 
 def _scale_cutoffs(filters: Filters, log_factor: float) -> Filters:
