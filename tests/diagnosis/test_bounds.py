@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis import final_model, workflow
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -464,37 +463,3 @@ def test_names_that_need_no_number_at_its_limit_may_be_named(
     simplified, *others = selection._add_simplified(base, shaped, [base, shaped])
     assert (simplified.fit, others) == (fit, [base, shaped])
     assert (simplified.obstacle == "") == is_admitted
-
-
-@pytest.mark.parametrize(
-    ("lag_samples", "shift_samples", "expected"),
-    [
-        pytest.param(1.0, -0.75, "together with the other delay", id="nearly cancel"),
-        pytest.param(1.0, 0.75, "", id="add up"),
-        pytest.param(2.0, -0.75, "", id="leave more than half a sample"),
-        pytest.param(0.3, 1.0, "is shorter than half a sampling interval", id="one is too short"),
-    ],
-)
-def test_delays_of_a_channel_are_named_only_if_their_sum_shows(
-    lag_samples: float, shift_samples: float, expected: str, data: WeightedData
-) -> None:
-    """A lag of 5 ms and a clock that is 3.7 ms early were named for a lag of 1.2 ms in a log of 200 Hz."""
-    interval = float(np.median(np.diff(data.experiments[0].measured["force"].time)))
-    lag, skew = EffectTerm("sensor_lag", "linear", "force"), EffectTerm("clock_skew", "linear", "force")
-    fit = make_fit(lag, skew, time_constant_s=lag_samples * interval, shift_s=shift_samples * interval)
-    obstacle = find_naming_obstacle(data, fit)
-    assert (expected in obstacle) if expected else not obstacle
-
-
-def test_delay_of_a_slow_channel_is_judged_by_its_own_samples(data: WeightedData) -> None:
-    """Markers at 200 Hz beside a load cell at 1 kHz do not resolve a lag of 1 ms."""
-    (slow,) = {float(np.median(np.diff(e.measured["force"].time))) for e in data.experiments}
-    fine = np.arange(400) * 0.2 * slow
-    experiments = [
-        replace(e, measured={**e.measured, **{name: TimeSeries(fine, 0.0 * fine) for name in ("pressure", "length")}})
-        for e in data.experiments
-    ]
-    mixed = WeightedData(data.simulator, experiments, data.noise)
-    for lag, is_named in ((0.2 * slow, False), (0.6 * slow, True)):
-        fit = make_fit(EffectTerm("sensor_lag", "linear", "force"), time_constant_s=lag)
-        assert (find_naming_obstacle(mixed, fit) == "") is is_named

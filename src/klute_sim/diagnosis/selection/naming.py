@@ -5,12 +5,14 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.dependent_numbers import limit_to_valid
 from klute_sim.diagnosis.fitting.hypothesis import PRIOR_BOUND_SIGMAS, EffectTerm, FitParameter, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, KEYS_WITHOUT_UPPER_LIMIT
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
+from klute_sim.diagnosis.noise.misfit import has_misfit
 from klute_sim.effects.families import instrument
 
 MAX_INSTRUMENT_FRACTION = 0.1
@@ -20,10 +22,9 @@ MIN_DELAY_SAMPLES = 0.5
 """Shortest lag or shift of a clock that is named, in sampling intervals of its channel or of all channels (median),
 whichever is longer (assumed: between logged samples the simulation follows a straight line, whose corners may be off by
 as much)."""
-UNRESOLVED_REASON = "is shorter than half a sampling interval"
-"""Reason why such a delay is not named."""
-CANCELLED_REASON = "leaves less than half a sampling interval together with the other delay of its channel"
-"""Reason why two delays that nearly cancel are not named."""
+MIN_SUFFICIENT_DELAY_SAMPLES = 0.1
+"""Shortest one that is named where repeats show no misfit beside it (assumed): an error of straight lines between
+samples would remain in other channels."""
 IMPLAUSIBLE_REASON = "would be further off than instruments are"
 """Reason why a large error of an instrument is not named."""
 MAX_INSTRUMENT_LAG_S = 0.1
@@ -110,28 +111,34 @@ def find_unresolved_delays(data: WeightedData, fit: Fit) -> dict[EffectTerm, str
     """Return the lags and shifts of instruments that are too short for the sampling of the trials, with the reasons.
 
     The delays of a channel add up: a filter that is late and a clock that is as early show nothing but their shapes.
+    Shorter ones are named where the model with them reaches the noise, unless that includes the error of a law.
     """
-    intervals: dict[str, list[float]] = {}
-    for e in data.experiments:
-        for channel, series in e.measured.items():
-            if len(series.time) > 1:
-                intervals.setdefault(channel, []).append(float(np.median(np.diff(series.time))))
-    usual = float(np.median([interval for own in intervals.values() for interval in own])) if intervals else 0.0
     rows = list(zip(fit.hypothesis.parameters, fit.values, strict=True))
     delays = {
         term: sum(value for parameter, value in rows if parameter.term_index == index)
         for index, term in enumerate(fit.hypothesis.terms)
         if term.effect in DELAY_EFFECTS
     }
+    if not delays:
+        return {}
+    is_sufficient = not data.has_law_error and has_repeats(data.experiments)
+    is_sufficient = is_sufficient and not has_misfit(data.experiments, fit.residuals, data.noise)
+    fraction, limit = (MIN_SUFFICIENT_DELAY_SAMPLES, "a tenth of") if is_sufficient else (MIN_DELAY_SAMPLES, "half")
+    intervals: dict[str, list[float]] = {}
+    for e in data.experiments:
+        for channel, series in e.measured.items():
+            if len(series.time) > 1:
+                intervals.setdefault(channel, []).append(float(np.median(np.diff(series.time))))
+    usual = float(np.median([interval for own in intervals.values() for interval in own])) if intervals else 0.0
     reasons = {}
     for term, delay in delays.items():
         # The channel itself may be slower than the others, such as markers beside a load cell.
         own = intervals.get(term.channel or "")
-        shortest = MIN_DELAY_SAMPLES * max(usual, float(np.median(own)) if own else 0.0)
+        shortest = fraction * max(usual, float(np.median(own)) if own else 0.0)
         if abs(delay) < shortest:
-            reasons[term] = UNRESOLVED_REASON
+            reasons[term] = f"is shorter than {limit} a sampling interval"
         elif abs(sum(other for one, other in delays.items() if one.channel == term.channel)) < shortest:
-            reasons[term] = CANCELLED_REASON
+            reasons[term] = f"leaves less than {limit} a sampling interval together with the other delay of its channel"
     return reasons
 
 
