@@ -10,6 +10,7 @@ from klute_sim.datasets.trial import Trial
 from klute_sim.diagnosis.command_delay import is_pressure
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.held_samples import describe_held_samples
+from klute_sim.diagnosis.experiments.interpolated_samples import describe_interpolated_samples
 from klute_sim.diagnosis.experiments.mains_hum import describe_mains_hum
 from klute_sim.diagnosis.experiments.prepare import clean_recordings, prepare_experiments
 from klute_sim.diagnosis.experiments.quantized_inputs import describe_quantized_inputs, has_quantized_commands
@@ -38,6 +39,7 @@ def prepare_trials(dataset: Dataset, split: Split, simulator: Simulator) -> tupl
         experiments = smooth if has_smooth_commands else experiments
     return experiments, [
         *describe_held_samples(dataset.trials),
+        *describe_interpolated_samples(dataset.trials),
         *describe_mains_hum(dataset.trials),
         *describe_quantized_inputs(cleaned, with_commands=has_smooth_commands),
     ]

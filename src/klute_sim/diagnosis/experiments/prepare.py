@@ -15,6 +15,7 @@ from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.bench import prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
 from klute_sim.diagnosis.experiments.held_samples import drop_held_samples
+from klute_sim.diagnosis.experiments.interpolated_samples import drop_interpolated_samples
 from klute_sim.diagnosis.experiments.interpolation import changes_in_steps, shows_updates
 from klute_sim.diagnosis.experiments.mains_hum import remove_mains_hum
 from klute_sim.diagnosis.experiments.mechanism import prepare_mechanism_trial
@@ -56,8 +57,8 @@ def prepare_experiments(dataset: Dataset, split: Split, *, smooths_commands: boo
 
 
 def clean_recordings(trials: Sequence[Trial]) -> list[Trial]:
-    """Return ``trials`` without the readings that a log repeats, and without the hum of the mains."""
-    return [remove_mains_hum(drop_held_samples(trial)) for trial in trials]
+    """Return ``trials`` without what a log adds between readings, and without the hum of the mains."""
+    return [remove_mains_hum(drop_interpolated_samples(drop_held_samples(trial))) for trial in trials]
 
 
 def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
