@@ -15,6 +15,7 @@ from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.filter_refinement import refine_filters
 from klute_sim.diagnosis.noise.filtered_noise import describe_low_pass_filters
+from klute_sim.diagnosis.noise.misfit import has_misfit
 from klute_sim.diagnosis.workflow import fit_base_device
 from tests.diagnosis.synthetic_dataset import write_dataset
 
@@ -73,6 +74,17 @@ def test_signals_correct_the_cutoff(tmp_path: Path, simulator: Simulator, assume
     assert get_filter(after).cutoff == pytest.approx(CUTOFF_HZ, rel=0.04)
     (sentence,) = describe_low_pass_filters(after.experiments)
     assert f"'force' ({get_filter(after).cutoff:.2g} Hz)" in sentence
+
+
+@pytest.mark.parametrize("assumed_cutoff", [10.15, 10.2])
+def test_signals_correct_a_cutoff_that_leaves_no_misfit(
+    tmp_path: Path, simulator: Simulator, assumed_cutoff: float
+) -> None:
+    """A cut-off frequency of 11 Hz for 10 Hz agreed with the fitted trials of a joint, and not with its test trials."""
+    dataset = load_dataset(write_dataset(tmp_path / "data", groups=GROUPS))
+    before, after = refine(dataset, simulator, replace(ZERO_LAG, cutoff=assumed_cutoff))
+    assert not has_misfit(before.experiments, before.base_fit.residuals, before.data.noise)
+    assert get_filter(after).cutoff == pytest.approx(CUTOFF_HZ, rel=0.005)
 
 
 def test_right_cutoff_stays(tmp_path: Path, simulator: Simulator) -> None:

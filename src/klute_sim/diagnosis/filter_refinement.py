@@ -41,7 +41,7 @@ CHANNEL_DELAYS = frozenset({"clock_skew", "sensor_lag"})
 MIN_COST_GAIN = 10.0
 """Smallest fall of the misfit by other cut-off frequencies for which the model is fitted again (assumed)."""
 MAX_REFINEMENTS = 3
-"""Largest number of such fits (assumed): the numbers of the device take a part of the error of a cut-off frequency."""
+"""Largest number of such fits (assumed)."""
 
 
 class _Candidate(NamedTuple):
@@ -62,18 +62,20 @@ def refine_filters(
 ) -> Preparation:
     """Return ``preparation`` with other cut-off frequencies, by the same factor, where nothing is missing with them.
 
-    ``others`` are filters of another kind or order that the noise permits, some of them with delay. They are taken
-    where nothing is missing with them, or where they explain the signals much better. ``prepare`` weighs trials and
-    fits the device without added effects to them.
+    ``others`` are filters of another kind or order that the noise permits, some of them with delay. They are compared
+    only where something is missing, and taken where nothing is missing with them, or where they explain the signals
+    much better. ``prepare`` weighs trials and fits the device without added effects to them.
     """
     detected = _collect_filters(preparation.data)
-    if not (detected and has_repeats(preparation.data.experiments) and _has_misfit(preparation)):
+    if not (detected and has_repeats(preparation.data.experiments)):
         return preparation
-    tried = [detected, *others]
+    tried = [detected, *others] if _has_misfit(preparation) else [detected]
     candidates = [
         _compare_cutoffs(preparation.data, preparation.base_fit, filters) for filters in tried + _list_aligned(tried)
     ]
     best = min(candidates, key=lambda candidate: candidate.refined_cost)
+    if not _has_misfit(preparation) and candidates[0].detected_cost - best.refined_cost < MIN_COST_GAIN:
+        return preparation
     for _ in range(MAX_REFINEMENTS):
         refined = prepare([_filter_alike(e, best.refined) for e in preparation.experiments])
         if not _has_misfit(refined):
