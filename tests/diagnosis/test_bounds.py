@@ -134,6 +134,32 @@ def test_final_fit_at_a_bound_takes_a_simpler_form_that_explains_the_data(
 
 
 @pytest.mark.parametrize(
+    ("chi2", "has_misfit", "expected"),
+    [
+        pytest.param(0.5, False, PRESLIDING, id="explains the data"),
+        pytest.param(500.0, False, COULOMB, id="decisively worse"),
+        pytest.param(0.5, True, COULOMB, id="leaves a misfit"),
+    ],
+)
+def test_final_fit_at_a_bound_takes_a_form_that_contains_it(
+    chi2: float,
+    has_misfit: bool,
+    expected: EffectTerm,
+    data: WeightedData,
+    replace_fits: Callable[[Refits], None],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    replace_fits({(t,): make_fit(t, chi2=chi2 if t is PRESLIDING else 0.0) for t in (COULOMB, PRESLIDING)})
+    monkeypatch.setattr(robustness, "simplify_at_bound", lambda data, fit: fit)
+    monkeypatch.setattr(robustness, "extend_at_bound", lambda data, fit: make_fit(PRESLIDING, chi2=chi2))
+    monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: has_misfit)
+    fit, has_converged = refine_and_simplify(
+        ForwardSelection(data, [], []), make_fit(COULOMB), np.random.default_rng(0)
+    )
+    assert (fit.hypothesis.terms, has_converged) == ((expected,), True)
+
+
+@pytest.mark.parametrize(
     ("number", "end", "is_obstacle"),
     [
         ("muscle.bladder_radius_mm", 1, False),  # the bladder fills its braid

@@ -13,7 +13,9 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.selection.nested_forms import restart_nested_forms
+from klute_sim.diagnosis.selection import bounds
+from klute_sim.diagnosis.selection.naming import find_terms_at_bound
+from klute_sim.diagnosis.selection.nested_forms import refit_with_containing_forms, restart_nested_forms
 from klute_sim.diagnosis.workflow import fit_base_device
 from tests.diagnosis.synthetic_dataset import write_dataset
 
@@ -53,6 +55,46 @@ def test_fit_in_a_local_minimum_begins_at_the_simpler_form(prepared: tuple[Weigh
     assert restarted.chi2 < 0.9 * simple.chi2
     exact = fit_valve(data, base_fit, ASYMMETRIC, 30, **VALVE)
     assert restarted.chi2 - exact.chi2 < 0.1 * (simple.chi2 - exact.chi2)
+
+
+@pytest.mark.parametrize("index", [0, 1])
+@pytest.mark.parametrize("is_inside", [True, False])
+def test_form_at_its_bound_becomes_one_that_contains_it(
+    prepared: tuple[WeightedData, Fit], index: int, is_inside: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A valve with another exhaust was fitted as a symmetric one with a critical ratio at its bound, and not named."""
+    data, base_fit = prepared
+    gain = EffectTerm("sensor_gain", "linear", "force")
+    terms, expected = [gain], [gain]
+    terms.insert(index, SYMMETRIC)
+    expected.insert(index, ASYMMETRIC)
+    hypothesis = replace(base_fit.hypothesis, terms=tuple(terms))
+    x = hypothesis.initial_point()
+    x[: len(base_fit.x)] = base_fit.x
+    names = [p.name for p in hypothesis.parameters]
+    resistance, ratio = names.index("resistance_s_bar_per_dm3"), names.index("critical_ratio")
+    x[resistance] = hypothesis.parameters[resistance].normalize(0.6)
+    x[ratio] = hypothesis.bounds()[1][ratio]
+    symmetric = fit_hypothesis(data, hypothesis, x)
+    at_bound = replace(symmetric, x=np.where(np.arange(len(x)) == ratio, x, symmetric.x))
+    assert find_terms_at_bound(at_bound) == [SYMMETRIC]
+    (refit,) = refit_with_containing_forms(data, at_bound, SYMMETRIC)
+    assert list(refit.hypothesis.terms) == expected
+    assert refit.chi2 < 0.9 * symmetric.chi2
+    values = {p.name: value for p, value in zip(refit.hypothesis.parameters, refit.values, strict=True)}
+    assert values["exhaust_factor"] == pytest.approx(VALVE["exhaust_factor"], rel=0.2)
+    assert values["gain"] == pytest.approx(1.0, abs=0.01)
+    monkeypatch.setattr(bounds, "has_value_at_bound", lambda fit: not is_inside)
+    extended = bounds.extend_at_bound(data, at_bound)
+    assert extended is not None if is_inside else extended is None
+
+
+def test_form_that_no_other_contains_stays_at_its_bound(prepared: tuple[WeightedData, Fit]) -> None:
+    hypothesis = prepared[1].hypothesis.with_term(ASYMMETRIC)
+    x = np.where([p.name == "critical_ratio" for p in hypothesis.parameters], hypothesis.bounds()[1], 0.5)
+    at_bound = Fit(hypothesis, x, np.zeros(1), np.zeros((1, len(x))), True, [])
+    assert find_terms_at_bound(at_bound) == [ASYMMETRIC]
+    assert bounds.extend_at_bound(prepared[0], at_bound) is None
 
 
 def make_fit(term: EffectTerm, chi2: float) -> Fit:

@@ -1,4 +1,4 @@
-"""Models in place of those at a bound: simpler forms of effects, and numbers as they are declared."""
+"""Models in place of those at a bound: other forms of effects, and numbers as they are declared."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,6 +7,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.naming import find_infeasible_terms, find_numbers_at_limit, find_terms_at_bound
+from klute_sim.diagnosis.selection.nested_forms import refit_with_containing_forms
 from klute_sim.diagnosis.selection.refits import refit_with_replacement
 
 
@@ -49,6 +50,17 @@ def _choose_simpler_form(data: WeightedData, fit: Fit, term: EffectTerm) -> Fit:
     refits = [refit_with_replacement(data, fit, term, other) for other in simpler]
     inside = [refit for refit, other in zip(refits, simpler, strict=True) if other not in find_terms_at_bound(refit)]
     return min(inside, key=lambda refit: refit.bic(data.n_effective), default=refits[0])
+
+
+def extend_at_bound(data: WeightedData, fit: Fit) -> Fit | None:
+    """Return ``fit`` with a form that contains that of an effect at its bound, and has no value at its bound.
+
+    That with the lowest BIC, None where there is none.
+    """
+    terms = [term for term in find_terms_at_bound(fit) if term.number is None]
+    refits = [refit for term in terms for refit in refit_with_containing_forms(data, fit, term)]
+    inside = [refit for refit in refits if not (refit.has_diverged or has_value_at_bound(refit))]
+    return min(inside, key=lambda refit: refit.bic(data.n_effective), default=None)
 
 
 def refine_names(data: WeightedData, fit: Fit) -> Fit:

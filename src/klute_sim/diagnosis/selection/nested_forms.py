@@ -1,9 +1,11 @@
 """Fits of forms of an effect that contain a simpler form: they cannot explain less than it does.
 
-Where one does, its fit has ended in a local minimum, and begins again where the simpler form ended.
+Where one does, its fit has ended in a local minimum, and begins again where the simpler form ended. A form whose
+parameter ends at its bound may be part of such a form, too: a valve that is symmetric in part only.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
@@ -28,7 +30,7 @@ def _restart_at_simpler_form(data: WeightedData, fit: Fit, fits: Sequence[Fit], 
     best = min(simpler, key=lambda other: other.chi2, default=fit)
     if not best.chi2 < fit.chi2 - MIN_CHI2_EXCESS:
         return fit
-    start = _carry_values(best, fit.hypothesis)
+    start = _carry_values(best, fit.hypothesis, len(fit.hypothesis.terms) - 1)
     if start is None:
         return fit
     restarted = fit_hypothesis(data, fit.hypothesis, start, max_nfev=max_nfev)
@@ -40,22 +42,37 @@ def _is_simpler_form(term: EffectTerm, other: EffectTerm) -> bool:
     return term.identity == other.identity and len(term.parameters) < len(other.parameters)
 
 
-def _carry_values(simple: Fit, hypothesis: Hypothesis) -> Array | None:
+def refit_with_containing_forms(data: WeightedData, fit: Fit, term: EffectTerm) -> list[Fit]:
+    """Return ``fit`` refitted with each form that contains that of its ``term`` in its place, from its values."""
+    index, refits = fit.hypothesis.terms.index(term), []
+    for form in fit.hypothesis.device.spec.list_candidate_forms(term.effect_definition):
+        other = term._replace(form=form.name, parameter_keys=())
+        if not _is_simpler_form(term, other):
+            continue
+        terms = tuple(other if t == term else t for t in fit.hypothesis.terms)
+        hypothesis = replace(fit.hypothesis, terms=terms)
+        start = _carry_values(fit, hypothesis, index)
+        if start is not None:
+            refits.append(fit_hypothesis(data, hypothesis, start, fine=True))
+    return refits
+
+
+def _carry_values(simple: Fit, hypothesis: Hypothesis, index: int) -> Array | None:
     """Return the point of ``hypothesis`` with the values of ``simple``, and neutral ones of its other parameters.
 
-    A parameter has the name of the simpler form, or one that ends with it, as the resistance of a valve to filling.
-    None where a parameter of the simpler form has no counterpart.
+    Both differ in the form of their term ``index``. A parameter has the name of the simpler form, or one that ends with
+    it, as the resistance of a valve to filling. None where a parameter of the simpler form has no counterpart.
     """
-    last = len(simple.hypothesis.terms) - 1
     start = hypothesis.initial_point()
-    own = {p.name: i for i, p in enumerate(hypothesis.parameters) if p.term_index == last}
+    start[[p.term_index != index for p in hypothesis.parameters]] = simple.x[
+        [p.term_index != index for p in simple.hypothesis.parameters]
+    ]
+    own = {p.name: i for i, p in enumerate(hypothesis.parameters) if p.term_index == index}
     for parameter, x in zip(simple.hypothesis.parameters, simple.x, strict=True):
-        if parameter.term_index != last:
+        if parameter.term_index != index:
             continue
         match = [i for name, i in own.items() if name == parameter.name or name.endswith(f"_{parameter.name}")]
         if len(match) != 1:
             return None
         start[match[0]] = x
-    n_known = sum(p.term_index != last for p in hypothesis.parameters)
-    start[:n_known] = simple.x[:n_known]
     return start

@@ -8,7 +8,7 @@ import numpy as np
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.selection.bounds import has_value_at_bound, refine_names, simplify_at_bound
+from klute_sim.diagnosis.selection.bounds import extend_at_bound, has_value_at_bound, refine_names, simplify_at_bound
 from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_implausible_number, find_naming_obstacle
@@ -204,13 +204,17 @@ def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_
 def refine_and_simplify(search: ForwardSelection, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
     """Return ``best_fit`` as :func:`check_convergence` does.
 
-    Effects that end with a parameter at a bound have a simpler form, unless it shows a misfit.
+    Effects that end with a parameter at a bound have a simpler form, or, if that shows a misfit, a form that contains
+    theirs, unless BIC is decisively higher with it.
     """
     fit, has_converged = check_convergence(search.data, best_fit, rng)
     simplified = simplify_at_bound(search.data, fit)
-    if simplified is fit or search.has_misfit(simplified):
+    if not (simplified is fit or search.has_misfit(simplified)):
+        return refine_and_simplify(search, simplified, rng)
+    extended, n = extend_at_bound(search.data, fit), search.data.n_effective
+    if extended is None or search.has_misfit(extended) or extended.bic(n) > fit.bic(n) + search.bic_threshold:
         return fit, has_converged
-    return refine_and_simplify(search, simplified, rng)
+    return check_convergence(search.data, extended, rng)
 
 
 def check_convergence(data: WeightedData, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
