@@ -10,9 +10,11 @@ import pytest
 from klute_sim.datasets.dataset import Dataset, load_dataset, split_dataset
 from klute_sim.diagnosis.command_interpolation import Preparation
 from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.channel_filter import ChannelFilter
 from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.experiments.window_filter import WindowFilter
 from klute_sim.diagnosis.filter_refinement import refine_filters
 from klute_sim.diagnosis.noise.filtered_noise import describe_low_pass_filters
 from klute_sim.diagnosis.noise.misfit import has_misfit
@@ -34,7 +36,7 @@ ZERO_LAG = LowPassFilter(CUTOFF_HZ, 2, 200.0)
 AMPLIFIER = LowPassFilter(CUTOFF_HZ, 4, 200.0, "butterworth")
 
 
-def filter_channels(e: Experiment, true_filter: LowPassFilter, assumed: LowPassFilter) -> Experiment:
+def filter_channels(e: Experiment, true_filter: ChannelFilter, assumed: ChannelFilter) -> Experiment:
     """Return ``e`` whose channels went through ``true_filter``, with another one assumed."""
     measured = {
         channel: true_filter.trim_ends(series._replace(value=true_filter.apply(series.time, series.value)))
@@ -46,9 +48,9 @@ def filter_channels(e: Experiment, true_filter: LowPassFilter, assumed: LowPassF
 def refine(
     dataset: Dataset,
     simulator: Simulator,
-    assumed: LowPassFilter,
-    true_filter: LowPassFilter = ZERO_LAG,
-    other: LowPassFilter | None = None,
+    assumed: ChannelFilter,
+    true_filter: ChannelFilter = ZERO_LAG,
+    other: ChannelFilter | None = None,
 ) -> tuple[Preparation, Preparation]:
     experiments = [e for e in prepare_experiments(dataset, split_dataset(dataset)) if e.use == "fit"]
 
@@ -61,7 +63,7 @@ def refine(
     return before, refine_filters(before, prepare, [] if other is None else [dict.fromkeys(channels, other)])
 
 
-def get_filter(preparation: Preparation) -> LowPassFilter:
+def get_filter(preparation: Preparation) -> ChannelFilter:
     (found,) = {each for e in preparation.experiments for each in e.filters.values()}
     return found
 
@@ -99,7 +101,7 @@ def test_missing_effect_does_not_move_the_cutoff(tmp_path: Path, simulator: Simu
 
 
 @pytest.mark.parametrize("force_gain", [1.0, 1.05])
-@pytest.mark.parametrize(("is_aligned", "sentence_end"), [(False, "behind an amplifier."), (True, "were subtracted.")])
+@pytest.mark.parametrize(("is_aligned", "sentence_end"), [(False, "has their delay, too."), (True, "were subtracted.")])
 def test_signals_show_the_delay(
     tmp_path: Path, simulator: Simulator, force_gain: float, is_aligned: bool, sentence_end: str
 ) -> None:
@@ -113,6 +115,34 @@ def test_signals_show_the_delay(
     (sentence,) = describe_low_pass_filters(after.experiments)
     assert f"Hz, delay {1e3 * found.delay:.3g} ms" in sentence
     assert sentence.endswith(sentence_end)
+
+
+@pytest.mark.parametrize("is_trailing", [False, True])
+def test_signals_show_whether_a_window_is_trailing(tmp_path: Path, simulator: Simulator, is_trailing: bool) -> None:
+    data = write_dataset(tmp_path / "data", groups=GROUPS)
+    centred, trailing = (WindowFilter(20, 200.0, is_trailing=each) for each in (False, True))
+    true, other = (trailing, centred) if is_trailing else (centred, trailing)
+    _, after = refine(load_dataset(data), simulator, centred, true, trailing)
+    assert get_filter(after) == true
+    _, after = refine(load_dataset(data), simulator, other, true, true)
+    assert get_filter(after) == true
+
+
+def test_inputs_that_were_averaged_alike_leave_no_filter(tmp_path: Path, simulator: Simulator) -> None:
+    """Averaged inputs move the simulation as averaged signals move, so a filter would act twice."""
+    dataset = load_dataset(write_dataset(tmp_path / "data", groups=GROUPS))
+    window = WindowFilter(40, 200.0)
+    experiments = [e for e in prepare_experiments(dataset, split_dataset(dataset)) if e.use == "fit"]
+
+    def prepare(trials: list[Experiment]) -> Preparation:
+        fit, weighted = fit_base_device(dataset, trials, simulator)
+        return Preparation(trials, weighted, fit, [])
+
+    before = prepare([replace(e, filters=dict.fromkeys(e.measured, window)) for e in experiments])
+    after = refine_filters(
+        before, prepare, [dict.fromkeys(experiments[0].measured, replace(window, is_trailing=True)), {}]
+    )
+    assert all(e.filters == {} for e in after.experiments)
 
 
 def test_filter_without_delay_keeps_none(tmp_path: Path, simulator: Simulator) -> None:

@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 from klute_sim.diagnosis.command_interpolation import Outcome, Preparation
 from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.experiments.low_pass import Filters, LowPassFilter
+from klute_sim.diagnosis.experiments.channel_filter import ChannelFilter, Filters
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import has_misfit
@@ -123,14 +123,14 @@ def reconsider_filters(
     return refined if n_delays < len(delays) or not is_adequate else outcome
 
 
-def _collect_filters(data: WeightedData) -> dict[str, LowPassFilter]:
+def _collect_filters(data: WeightedData) -> dict[str, ChannelFilter]:
     return dict(item for e in data.experiments for item in e.filters.items())
 
 
 def _list_aligned(candidates: Sequence[Filters]) -> list[Filters]:
-    """Return the filters with delay among ``candidates``, of channels that are not late."""
-    delaying = [filters for filters in candidates if any(each.has_delay for each in filters.values())]
-    return [{c: replace(each, is_aligned=True) for c, each in filters.items()} for filters in delaying]
+    """Return the filters with delay among ``candidates``, of channels that are not late, where they are not known."""
+    aligned = [{c: each.align() for c, each in filters.items()} for filters in candidates]
+    return [filters for filters in aligned if filters not in candidates]
 
 
 def _compare_cutoffs(data: WeightedData, fit: Fit, filters: Filters) -> _Candidate:
@@ -140,16 +140,18 @@ def _compare_cutoffs(data: WeightedData, fit: Fit, filters: Filters) -> _Candida
         residuals = _compute_residuals(data, fit, _scale_cutoffs(filters, log_factor))
         return float(residuals @ residuals) + (log_factor / CUTOFF_DEVIATION) ** 2
 
-    nearest = min(LOG_CUTOFF_FACTORS, key=compute_cost)
-    bounds = nearest - LOG_CUTOFF_STEP, nearest + LOG_CUTOFF_STEP
-    found = minimize_scalar(compute_cost, bounds=bounds, method="bounded", options={"xatol": LOG_CUTOFF_TOLERANCE})
     detected = _compute_residuals(data, fit, filters)
     costs = dict.fromkeys(data.noise, 0.0)
     for row, weights in zip(data.split_weighted_residuals(detected), data.weights, strict=True):
         for channel, weight in weights.items():
             costs[channel] += float(np.sum((weight * row[channel]) ** 2))
-    refined = _scale_cutoffs(filters, float(found.x))
-    return _Candidate(filters, costs, float(detected @ detected), refined, float(found.fun))
+    detected_cost = float(detected @ detected)
+    if _scale_cutoffs(filters, LOG_CUTOFF_STEP) == filters:  # windows, which the noise shows exactly
+        return _Candidate(filters, costs, detected_cost, filters, detected_cost)
+    nearest = min(LOG_CUTOFF_FACTORS, key=compute_cost)
+    bounds = nearest - LOG_CUTOFF_STEP, nearest + LOG_CUTOFF_STEP
+    found = minimize_scalar(compute_cost, bounds=bounds, method="bounded", options={"xatol": LOG_CUTOFF_TOLERANCE})
+    return _Candidate(filters, costs, detected_cost, _scale_cutoffs(filters, float(found.x)), float(found.fun))
 
 
 def _compute_residuals(data: WeightedData, fit: Fit, filters: Filters) -> Array:
@@ -166,7 +168,7 @@ def _compute_residuals(data: WeightedData, fit: Fit, filters: Filters) -> Array:
 
 
 def _scale_cutoffs(filters: Filters, log_factor: float) -> Filters:
-    return {c: replace(each, cutoff=float(np.exp(log_factor)) * each.cutoff) for c, each in filters.items()}
+    return {channel: each.scale_cutoff(float(np.exp(log_factor))) for channel, each in filters.items()}
 
 
 def _filter_alike(experiment: Experiment, filters: Filters) -> Experiment:

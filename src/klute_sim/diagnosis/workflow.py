@@ -27,7 +27,7 @@ from klute_sim.diagnosis.condition_registration import describe_condition_regist
 from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.experiments.low_pass import Filters
+from klute_sim.diagnosis.experiments.channel_filter import Filters
 from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.filter_refinement import reconsider_filters, refine_filters

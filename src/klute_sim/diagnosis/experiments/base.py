@@ -16,7 +16,7 @@ from klute_sim.datasets.trial import SensorLimits, TimeSeries, Trial, Use
 from klute_sim.datasets.unit_conversion import get_conversion_factor
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
-from klute_sim.diagnosis.experiments.low_pass import Filters
+from klute_sim.diagnosis.experiments.channel_filter import Filters
 from klute_sim.errors import InputError
 from klute_sim.plant.mjcf.model_effects import ModelEffect
 from klute_sim.types import Array

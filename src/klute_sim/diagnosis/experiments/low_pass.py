@@ -1,16 +1,14 @@
-"""Low-pass filter that a channel went through before it came here: of an amplifier, or of a data processing."""
+"""Low-pass filters of Butterworth and Bessel."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from scipy.signal import besselap, buttap
 
-from klute_sim.datasets.trial import TimeSeries
+from klute_sim.diagnosis.experiments.channel_filter import ChannelFilter
 from klute_sim.types import Array
 
 FilterKind = Literal["zero-lag", "butterworth", "bessel"]
@@ -30,7 +28,7 @@ def _compute_poles(kind: FilterKind, order: int) -> NDArray[np.complex128]:
 
 
 @dataclass(frozen=True)
-class LowPassFilter:
+class LowPassFilter(ChannelFilter):
     """Low-pass filter with one of the usual frequency responses."""
 
     cutoff: float
@@ -95,32 +93,25 @@ class LowPassFilter:
             response[is_sampled] = 1.0 / (1.0 + ratio ** (2 * self.order))
         return response
 
-    def compute_gain(self, frequency: Array) -> Array:
-        """Return the gain of the amplitude [1] at ``frequency`` [Hz] (n,)."""
-        return np.abs(self.compute_response(frequency))
+    @property
+    def padding_time(self) -> float:
+        """Time [s] by which a signal is continued at each end before it is filtered."""
+        return PADDING_PERIODS / self.cutoff
 
-    def apply(self, time: Array, value: Array) -> Array:
-        """Return the filtered ``value`` (n,) at equally spaced ``time`` [s] (n,); its ends are continued by reflection
-        in a point.
-        """
-        interval = float(time[-1] - time[0]) / (len(time) - 1)
-        padding = min(len(value) - 1, round(PADDING_PERIODS / self.cutoff / interval))
-        before, after = 2.0 * value[0] - value[padding:0:-1], 2.0 * value[-1] - value[-2 : -2 - padding : -1]
-        padded = np.concatenate([before, value, after])
-        rise = (padded[-1] - padded[0]) / (len(padded) - 1)
-        line = padded[0] + rise * np.arange(len(padded))  # without it, the ends of a periodic signal meet
-        size = next_fast_len(len(padded), real=True)
-        spectrum = rfft(np.pad(padded - line, (0, size - len(padded))))
-        filtered = irfft(spectrum * self.compute_response(rfftfreq(size, interval)), size)[: len(padded)]
-        filtered += line - rise * self.lateness / interval
-        return np.asarray(filtered[padding : padding + len(value)])
+    @property
+    def end_time(self) -> float:
+        """Time [s] at each end of a record that is not compared."""
+        return END_PERIODS / self.cutoff
 
-    def trim_ends(self, series: TimeSeries) -> TimeSeries:
-        """Return ``series`` without the samples near its ends, which depend on how the filter continued the record."""
-        margin = END_PERIODS / self.cutoff
-        is_inner = (series.time >= series.time[0] + margin) & (series.time <= series.time[-1] - margin)
-        return TimeSeries(series.time[is_inner], series.value[is_inner])
+    @property
+    def words(self) -> str:
+        """The cut-off frequency."""
+        return f"{self.cutoff:.2g} Hz"
 
+    def align(self) -> "LowPassFilter":
+        """Return the filter of a channel that is not late to the inputs."""
+        return replace(self, is_aligned=True)
 
-Filters = Mapping[str, LowPassFilter]
-"""Channel -> the filter that it went through."""
+    def scale_cutoff(self, factor: float) -> "LowPassFilter":
+        """Return the filter with another cut-off frequency."""
+        return replace(self, cutoff=factor * self.cutoff)

@@ -5,7 +5,8 @@ through the same filter. The noise shows it: it was white before, possibly with 
 has the shape of the filter. It is the difference between repeats, of their residuals where their inputs differ.
 
 A spectrum does not show the phase of a filter, but those of amplifiers, which have a delay, fall in another way than
-those that a program applies forward and backward. Where it permits several, the signals decide
+those that a program applies forward and backward. Moving averages have their own shape
+(:mod:`klute_sim.diagnosis.noise.window_noise`). Where the noise permits several filters, the signals decide
 (:mod:`klute_sim.diagnosis.filter_refinement`).
 """
 
@@ -16,13 +17,21 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import detrend, periodogram
 
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
-from klute_sim.diagnosis.experiments.denoise import MAX_INTERVAL_VARIATION
-from klute_sim.diagnosis.experiments.low_pass import FilterKind, Filters, LowPassFilter
+from klute_sim.diagnosis.experiments.channel_filter import ChannelFilter, Filters
+from klute_sim.diagnosis.experiments.low_pass import FilterKind, LowPassFilter
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.noise.repeats import align_repeats, list_channels
+from klute_sim.diagnosis.noise.spectrum import (
+    MIN_POWER_FRACTION,
+    Spectrum,
+    average_power,
+    compute_misfit,
+    compute_spectrum,
+    compute_stop_ratio,
+)
+from klute_sim.diagnosis.noise.window_noise import find_window
 from klute_sim.types import Array
 
 ZERO_LAG_ORDERS = 1, 2, 3, 4
@@ -45,25 +54,14 @@ POLE_FACTORS = np.inf, 4.0, 2.0, 1.0, 0.5
 frequency."""
 MAX_COMMON_LOSS = 10.0
 """Fall of the logarithm of the likelihood of a channel up to which it went through the filter of others (assumed)."""
-N_BANDS = 200
-"""Number of bands, evenly spaced on a logarithmic scale, in which the frequencies of a spectrum are averaged."""
 MIN_PASS_BINS = 10
 """Fewest frequencies of a spectrum below half the cut-off, which show whether the noise was white (assumed)."""
-MIN_STOP_FRACTION = 0.9
-"""Part of the spectrum above which the noise is gone (assumed)."""
-MIN_SAMPLES = 120
-"""Fewest samples of a record whose spectrum shows a filter (assumed)."""
 MAX_PASS_RATIO = 3.0
 """Largest ratio of the noise in the lower and the upper half of this band, either way (assumed)."""
 MIN_STOP_RATIO = 100.0
 """Smallest ratio of the power of the noise in this band to that at the highest frequencies (assumed)."""
 MAX_CUTOFF_NYQUIST_FRACTION = 0.5
 """Largest cut-off frequency, as a fraction of half the sampling rate (assumed)."""
-MIN_POWER_FRACTION = 1e-4
-"""Power, over that of the lowest frequencies, below which a spectrum ends for a fit: beyond, other noise begins."""
-FLOOR_FRACTIONS = np.append(1e-12, np.geomspace(MIN_POWER_FRACTION, 1e-2, 5))
-"""Power of the noise behind the filter, such as that of the last digit, over the power before it, that is tried; the
-first one is that of rounding errors."""
 
 
 class _Candidate(NamedTuple):
@@ -71,15 +69,6 @@ class _Candidate(NamedTuple):
     misfit: float
     """Negative logarithm of the likelihood of the noise of the filtered channels."""
     has_delay: bool
-
-
-class _Spectrum(NamedTuple):
-    frequency: Array
-    """Frequencies above 0 [Hz], (n,)."""
-    power: Array
-    """Power density [SI^2/Hz], (n,)."""
-    n_averaged: Array
-    """Number of averaged frequencies, (n,)."""
 
 
 def add_low_pass_filters(
@@ -100,7 +89,7 @@ def add_low_pass_filters(
         candidates = [_compare_repeats(fit_experiments, rows, channel) for rows in (values, residuals)]
         # Residuals contain the noise of the recorded inputs, and values what differs between the inputs.
         differences[channel] = min(candidates, key=lambda rows: float(np.sum([change @ change for _, change in rows])))
-    filters, *others = detect_low_pass_filters(differences, sampling_rates) or [{}]
+    filters, *others = detect_filters(differences, sampling_rates) or [{}]
     return [_add_filters(e, filters) if filters else e for e in experiments], others
 
 
@@ -124,7 +113,7 @@ def _compare_repeats(
     ]
 
 
-def _add_filters(experiment: Experiment, filters: Mapping[str, LowPassFilter]) -> Experiment:
+def _add_filters(experiment: Experiment, filters: Filters) -> Experiment:
     measured = {
         channel: filters[channel].trim_ends(series) if channel in filters else series
         for channel, series in experiment.measured.items()
@@ -142,28 +131,32 @@ def describe_low_pass_filters(experiments: Sequence[Experiment]) -> list[str]:
         "The noise shows that these channels were low-pass filtered, so the simulation is filtered alike: " + names
     )
     if any(found.has_delay for found in filters.values()):
-        if all(found.is_aligned for found in filters.values()):
+        if not any(found.lateness for found in filters.values()):
             return [f"{sentence}. The inputs are as late as these channels, or the delays were subtracted."]
-        return [f"{sentence}. The simulation has their delay, too, as behind an amplifier."]
+        return [f"{sentence}. The simulation has their delay, too."]
     return [f"{sentence}. They are taken to have no delay (zero lag); state that of an amplifier in [delay]."]
 
 
-def _describe_filter(found: LowPassFilter) -> str:
-    return f"{found.cutoff:.2g} Hz" + (f", delay {1e3 * found.delay:.3g} ms" if found.has_delay else "")
+def _describe_filter(found: ChannelFilter) -> str:
+    return found.words + (f", delay {1e3 * found.delay:.3g} ms" if found.has_delay else "")
 
 
-def _compute_spectrum(time: Array, difference: Array) -> _Spectrum | None:
-    """Return the spectrum of the ``difference`` of two repeats (n,) at ``time`` [s] (n,); None where it shows none."""
-    steps = np.diff(time)
-    if len(time) < MIN_SAMPLES or np.ptp(steps) > MAX_INTERVAL_VARIATION * steps.mean() or not difference.any():
-        return None
-    rate = 1.0 / float(steps.mean())
-    frequency, power = periodogram(detrend(difference), rate, window="hann", detrend=False)
-    frequency, power = frequency[2:-1], power[2:-1]
-    starts = np.unique(np.searchsorted(frequency, np.geomspace(frequency[0], frequency[-1], N_BANDS)))
-    n_averaged = np.diff(np.append(starts, len(frequency)))
-    mean_frequency, mean_power = (np.add.reduceat(values, starts) / n_averaged for values in (frequency, power))
-    return _Spectrum(mean_frequency, mean_power, n_averaged.astype(np.float64))
+def detect_filters(
+    differences: Mapping[str, Sequence[tuple[Array, Array]]], sampling_rates: Mapping[str, float]
+) -> list[Filters]:
+    """Return the filters that the noise of channels went through, and after them others that it permits.
+
+    ``differences`` between repeats are pairs of times [s] (n,) and values [SI] (n,); ``sampling_rates`` [Hz] are those
+    of the channels. Windows may be trailing ones, or the inputs went through the same, which leaves little of them.
+    """
+    found = {channel: find_window(rows, sampling_rates[channel]) for channel, rows in differences.items()}
+    windows = {channel: window for channel, window in found.items() if window is not None}
+    others = {channel: rows for channel, rows in differences.items() if channel not in windows}
+    low_pass = detect_low_pass_filters(others, sampling_rates)
+    if not windows:
+        return low_pass
+    trailing = {channel: replace(window, is_trailing=True) for channel, window in windows.items()}
+    return [{**filters, **variant} for variant in (windows, trailing, {}) for filters in low_pass or [{}]]
 
 
 def detect_low_pass_filters(
@@ -177,7 +170,7 @@ def detect_low_pass_filters(
     """
     spectra, likeliest, filtered = {}, {}, []
     for channel, rows in differences.items():
-        found = [s for s in (_compute_spectrum(*difference) for difference in rows) if s is not None]
+        found = [s for s in (compute_spectrum(*difference) for difference in rows) if s is not None]
         shapes = _list_shapes(sampling_rates[channel])
         best = _find_likeliest(found, shapes) if found else None
         if best is None:
@@ -222,7 +215,7 @@ def _is_steep(shape: LowPassFilter) -> bool:
 
 
 def _fit_shape(
-    all_spectra: Mapping[str, Sequence[_Spectrum]],
+    all_spectra: Mapping[str, Sequence[Spectrum]],
     likeliest: Mapping[str, LowPassFilter],
     filtered: Sequence[str],
     shape: LowPassFilter,
@@ -255,11 +248,11 @@ def _fit_shape(
     return _Candidate(filters, misfit, shape.has_delay)
 
 
-def _find_likeliest(spectra: Sequence[_Spectrum], shapes: Sequence[LowPassFilter]) -> LowPassFilter | None:
+def _find_likeliest(spectra: Sequence[Spectrum], shapes: Sequence[LowPassFilter]) -> LowPassFilter | None:
     """Return the most likely filter of one channel, of one of ``shapes``; None where ``spectra`` show no stop band."""
     nyquist = min(s.frequency[-1] for s in spectra)
     lowest = max(MIN_PASS_BINS * 2.0 * s.frequency[0] for s in spectra)
-    if lowest >= nyquist or _compute_stop_ratio(spectra, lowest) > 1.0 / MIN_STOP_RATIO:
+    if lowest >= nyquist or compute_stop_ratio(spectra, lowest) > 1.0 / MIN_STOP_RATIO:
         return None
     passed = [_cut_spectrum(spectrum) for spectrum in spectra]
     coarse = [
@@ -273,65 +266,31 @@ def _find_likeliest(spectra: Sequence[_Spectrum], shapes: Sequence[LowPassFilter
     return best if best.cutoff < MAX_CUTOFF_NYQUIST_FRACTION * nyquist else None
 
 
-def _fit_cutoff(spectra: Sequence[_Spectrum], start: LowPassFilter) -> LowPassFilter:
+def _fit_cutoff(spectra: Sequence[Spectrum], start: LowPassFilter) -> LowPassFilter:
     """Return the most likely filter of the shape and near the cut-off frequency of ``start``."""
     tried = [replace(start, cutoff=start.cutoff * float(factor)) for factor in CUTOFF_FACTORS]
     return min(tried, key=lambda each: _compute_misfit(spectra, each))
 
 
-def _cut_spectrum(spectrum: _Spectrum) -> _Spectrum:
+def _cut_spectrum(spectrum: Spectrum) -> Spectrum:
     """Return ``spectrum`` up to where its power falls below :data:`MIN_POWER_FRACTION`."""
     n_lowest = int(np.searchsorted(np.cumsum(spectrum.n_averaged), MIN_PASS_BINS)) + 1
     lowest = float(np.average(spectrum.power[:n_lowest], weights=spectrum.n_averaged[:n_lowest]))
     below = np.flatnonzero(spectrum.power < MIN_POWER_FRACTION * lowest)
     end = max(n_lowest, int(below[0])) if len(below) else len(spectrum.power)
-    return _Spectrum(*(values[:end] for values in spectrum))
+    return Spectrum(*(values[:end] for values in spectrum))
 
 
-def _compute_misfit(spectra: Sequence[_Spectrum], tried: LowPassFilter) -> float:
-    """Return the negative logarithm of the likelihood (Whittle, 1953) of noise through the filter, and a floor.
-
-    The noise before the filter is white up to a pole. Its power, pole and floor are the best ones of each spectrum.
-    """
-    poles = tried.cutoff * np.array(POLE_FACTORS)
-    total = 0.0
-    for frequency, power, n_averaged in spectra:
-        noise = 1.0 / (1.0 + (frequency / poles[:, None]) ** 2)
-        shape = noise[:, None, :] * tried.compute_gain(frequency) ** 2 + FLOOR_FRACTIONS[:, None]
-        n = n_averaged.sum()
-        level = (n_averaged * power / shape).sum(axis=-1) / n
-        has_pole = 0.5 * np.log(n) * np.isfinite(poles)[:, None]  # one more parameter, as in half of BIC
-        total += float(np.min(n * np.log(level) + (n_averaged * np.log(shape)).sum(axis=-1) + has_pole))
-    return total
+def _compute_misfit(spectra: Sequence[Spectrum], tried: LowPassFilter) -> float:
+    """Return the negative logarithm of the likelihood of noise through the filter."""
+    return compute_misfit(spectra, lambda f: tried.compute_gain(f) ** 2, tried.cutoff * np.array(POLE_FACTORS))
 
 
-def _has_shape(spectra: Sequence[_Spectrum], cutoff: float) -> bool:
+def _has_shape(spectra: Sequence[Spectrum], cutoff: float) -> bool:
     """Return whether the noise is white in the pass band of a filter with this ``cutoff`` [Hz], and gone far above."""
     lower, upper = (
-        np.mean(
-            [_average_power(s, low * cutoff, high * cutoff) / _average_power(s, 0.0, 0.5 * cutoff) for s in spectra]
-        )
+        np.mean([average_power(s, low * cutoff, high * cutoff) / average_power(s, 0.0, 0.5 * cutoff) for s in spectra])
         for low, high in ((0.0, 0.25), (0.25, 0.5))
     )
     is_white = 1.0 / MAX_PASS_RATIO < lower / upper < MAX_PASS_RATIO
-    return bool(is_white and _compute_stop_ratio(spectra, 0.5 * cutoff) < 1.0 / MIN_STOP_RATIO)
-
-
-def _compute_stop_ratio(spectra: Sequence[_Spectrum], end: float) -> float:
-    """Return the power of the noise at the highest frequencies over that up to ``end`` [Hz]."""
-    return float(
-        np.mean(
-            [
-                _average_power(s, MIN_STOP_FRACTION * s.frequency[-1], np.inf) / _average_power(s, 0.0, end)
-                for s in spectra
-            ]
-        )
-    )
-
-
-def _average_power(spectrum: _Spectrum, start: float, end: float) -> float:
-    """Return the mean power density [SI^2/Hz] from ``start`` to ``end`` [Hz]; not a number without any frequency."""
-    is_inside = (spectrum.frequency >= start) & (spectrum.frequency < end)
-    if not is_inside.any():
-        return math.nan
-    return float(np.average(spectrum.power[is_inside], weights=spectrum.n_averaged[is_inside]))
+    return bool(is_white and compute_stop_ratio(spectra, 0.5 * cutoff) < 1.0 / MIN_STOP_RATIO)
