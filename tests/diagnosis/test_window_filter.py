@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import savgol_filter
+from scipy.signal import filtfilt, savgol_filter
 
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.window_filter import WindowFilter
@@ -27,6 +27,13 @@ def test_agrees_with_a_moving_average(n_samples: int, is_trailing: bool) -> None
     assert found[INNER] == pytest.approx(expected[INNER], abs=1e-9)
 
 
+def test_agrees_with_a_moving_average_forward_and_backward() -> None:
+    found = WindowFilter(25, RATE_HZ, n_passes=2).apply(TIME, REVERSALS)
+    expected = filtfilt(np.full(25, 1.0 / 25.0), 1.0, REVERSALS)
+    assert found[INNER] == pytest.approx(expected[INNER], abs=1e-6)
+    assert WindowFilter(25, RATE_HZ, n_passes=2, is_trailing=True).delay == pytest.approx(24.0 / RATE_HZ)
+
+
 @pytest.mark.parametrize(("n_samples", "degree"), [(11, 2), (51, 2), (51, 4)])
 def test_agrees_with_a_savitzky_golay_filter(n_samples: int, degree: int) -> None:
     found = WindowFilter(n_samples, RATE_HZ, degree).apply(TIME, REVERSALS)
@@ -45,7 +52,8 @@ def test_finer_simulation_agrees_at_the_samples_of_the_log() -> None:
 @settings(max_examples=20)
 @given(st.floats(-1e3, 1e3), st.integers(2, 101), st.sampled_from([0, 2]), st.booleans())
 def test_lines_are_late_by_the_delay(slope: float, n_samples: int, degree: int, is_trailing: bool) -> None:
-    window = WindowFilter(n_samples if degree == 0 else 2 * n_samples + 1, RATE_HZ, degree, is_trailing)
+    n_samples = n_samples if degree == 0 else 2 * n_samples + 1
+    window = WindowFilter(n_samples, RATE_HZ, degree, is_trailing=is_trailing)
     np.testing.assert_allclose(window.apply(TIME, slope * TIME), slope * (TIME - window.delay), rtol=1e-9, atol=1e-8)
     assert window.lateness == window.delay
     assert window.has_delay == (window.is_trailing and window.n_samples > 1)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter, medfilt, savgol_filter
+from scipy.signal import filtfilt, lfilter, medfilt, savgol_filter
 
 from klute_sim.diagnosis.experiments.channel_filter import Filters
 from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
@@ -38,6 +38,12 @@ def test_noise_shows_the_moving_average(n_samples: int, seed: int) -> None:
 def test_noise_shows_the_savitzky_golay_filter(n_samples: int, degree: int) -> None:
     found = detect(lambda values: savgol_filter(values, n_samples, degree + 1))
     assert found[0] == {"force": WindowFilter(n_samples, RATE_HZ, degree)}
+
+
+@pytest.mark.parametrize("n_samples", [8, 25])
+def test_noise_shows_a_moving_average_forward_and_backward(n_samples: int) -> None:
+    found = detect(lambda values: filtfilt(np.full(n_samples, 1.0 / n_samples), 1.0, values))
+    assert found[0] == {"force": WindowFilter(n_samples, RATE_HZ, n_passes=2)}
 
 
 @pytest.mark.parametrize("kept", [2, 5])

@@ -31,13 +31,15 @@ class WindowFilter(ChannelFilter):
     """Sampling rate of the channel [Hz]."""
     degree: int = 0
     """Even degree of the polynomial; the odd degree above it does the same."""
+    n_passes: int = 1
+    """How often it is applied; twice, as one filter forward and backward, for a triangular window."""
     is_trailing: bool = False
     """Whether the window ends at its sample, which makes a moving average late; otherwise its middle is there."""
 
     @property
     def duration(self) -> float:
-        """Duration of the window [s]."""
-        return self.n_samples / self.sampling_rate
+        """Duration of the windows of all passes [s]."""
+        return self.n_passes * self.n_samples / self.sampling_rate
 
     @property
     def cutoff(self) -> float:
@@ -47,7 +49,7 @@ class WindowFilter(ChannelFilter):
     @property
     def delay(self) -> float:
         """Delay [s]: half of the time from the first to the last sample of a trailing window."""
-        return 0.5 * (self.n_samples - 1) / self.sampling_rate if self.is_trailing else 0.0
+        return 0.5 * self.n_passes * (self.n_samples - 1) / self.sampling_rate if self.is_trailing else 0.0
 
     @property
     def padding_time(self) -> float:
@@ -63,7 +65,7 @@ class WindowFilter(ChannelFilter):
     def words(self) -> str:
         """Kind and number of samples."""
         if self.degree == 0:
-            return f"moving average of {self.n_samples} samples"
+            return f"moving average of {self.n_samples} samples" + (", twice" if self.n_passes == 2 else "")
         return f"Savitzky-Golay filter of {self.n_samples} samples, degree {self.degree} or {self.degree + 1}"
 
     def compute_response(self, frequency: Array) -> NDArray[np.complex128]:
@@ -71,7 +73,8 @@ class WindowFilter(ChannelFilter):
 
         The sum of ``w_k cos(2 pi f k / f_s)`` over the weights ``w_k`` of the samples ``k`` from the middle of the
         window; for a moving average of n samples ``sin(pi f n / f_s) / (n sin(pi f / f_s))`` (Smith, The Scientist and
-        Engineer's Guide to Digital Signal Processing, 1997, equation 15-2). A trailing window is late by :attr:`delay`.
+        Engineer's Guide to Digital Signal Processing, 1997, equation 15-2). Passes multiply.
+        A trailing window is late by :attr:`delay`.
         """
         angle = np.pi * frequency / self.sampling_rate
         if self.degree == 0:
@@ -86,6 +89,7 @@ class WindowFilter(ChannelFilter):
             response = np.full(len(frequency), weights[0])
             for k, weight in enumerate(weights[1:], start=1):
                 response = response + 2.0 * weight * np.cos(2.0 * k * angle)
+        response = response**self.n_passes
         if self.is_trailing:
             return np.asarray(response * np.exp(-2j * np.pi * frequency * self.delay))
         return response.astype(np.complex128)

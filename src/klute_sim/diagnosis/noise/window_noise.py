@@ -14,6 +14,8 @@ from klute_sim.types import Array
 
 MIN_WINDOW, MAX_WINDOW = 4, 151
 """Number of samples of the windows that are tried (assumed)."""
+N_PASSES = 1, 2
+"""Numbers of passes of a moving average that are tried."""
 DEGREES = 2, 4
 """Degrees of the polynomials of Savitzky-Golay filters that are tried, beside moving averages."""
 MIN_WINDOWS_PER_RECORD = 20
@@ -45,7 +47,8 @@ def find_window(differences: Sequence[tuple[Array, Array]], sampling_rate: float
         return None
     duration = min(1.0 / float(s.frequency[1] - s.frequency[0]) for s in spectra)
     longest = min(MAX_WINDOW, int(duration * sampling_rate / MIN_WINDOWS_PER_RECORD))
-    windows = [WindowFilter(n, sampling_rate) for n in range(MIN_WINDOW, longest + 1)]
+    lengths = range(MIN_WINDOW, longest + 1)
+    windows = [WindowFilter(n, sampling_rate, n_passes=n_passes) for n_passes in N_PASSES for n in lengths]
     for degree in DEGREES:
         windows += [WindowFilter(n, sampling_rate, degree) for n in range(2 * degree + 1, longest + 1, 2)]
     if not windows:
