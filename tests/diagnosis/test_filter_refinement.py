@@ -3,19 +3,23 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from klute_sim.datasets.dataset import Dataset, load_dataset, split_dataset
-from klute_sim.diagnosis.command_interpolation import Preparation
+from klute_sim.diagnosis.command_interpolation import Outcome, Preparation
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.channel_filter import ChannelFilter
 from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.experiments.window_filter import WindowFilter
-from klute_sim.diagnosis.filter_refinement import refine_filters
+from klute_sim.diagnosis.filter_refinement import reconsider_filters, refine_filters
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.noise.filtered_noise import describe_low_pass_filters
 from klute_sim.diagnosis.noise.misfit import has_misfit
 from klute_sim.diagnosis.workflow import fit_base_device
@@ -149,6 +153,49 @@ def test_filter_without_delay_keeps_none(tmp_path: Path, simulator: Simulator) -
     data = write_dataset(tmp_path / "data", groups=GROUPS, distort={"force": lambda time, force: 1.05 * force})
     before, after = refine(load_dataset(data), simulator, ZERO_LAG, ZERO_LAG, AMPLIFIER)
     assert after is before
+
+
+@pytest.mark.parametrize(
+    ("verdict", "is_late", "verdict_after", "is_taken"),
+    [
+        pytest.param("identified", True, "identified", True, id="clock in place of a window"),
+        pytest.param("unexplained", True, "nothing-missing", True, id="nothing explains the window"),
+        pytest.param("identified", True, "unexplained", False, id="no model with the other window"),
+        pytest.param("identified", False, "identified", False, id="no clock is named"),
+    ],
+)
+def test_named_clock_of_a_filtered_channel_may_be_its_window(
+    tmp_path: Path, simulator: Simulator, verdict: str, is_late: bool, verdict_after: str, is_taken: bool
+) -> None:
+    """Beside a missing lag, a centred window was taken for a trailing one, and a clock 24 ms early was named."""
+    dataset = load_dataset(write_dataset(tmp_path / "data", groups=GROUPS))
+    centred, trailing = (WindowFilter(20, 200.0, is_trailing=each) for each in (False, True))
+    experiments = [e for e in prepare_experiments(dataset, split_dataset(dataset)) if e.use == "fit"]
+    searched: list[Preparation] = []
+
+    def prepare(trials: list[Experiment]) -> Preparation:
+        fit, data = fit_base_device(dataset, trials, simulator)
+        return Preparation(trials, data, fit, [])
+
+    def make_outcome(prepared: Preparation, fit: Fit, verdict: str) -> Any:
+        selected = SimpleNamespace(verdict=verdict, final_fit=fit, data=prepared.data)
+        return Outcome(prepared.experiments, prepared.data, cast(Any, None), prepared.base_fit, cast(Any, selected), [])
+
+    def search_model(prepared: Preparation) -> Outcome:
+        searched.append(prepared)
+        return make_outcome(prepared, prepared.base_fit, verdict_after)
+
+    before = prepare([filter_channels(e, centred, trailing) for e in experiments])
+    late = before.base_fit.hypothesis.with_term(EffectTerm("clock_skew", "linear", "force"))
+    fit = fit_hypothesis(before.data, late) if is_late else before.base_fit
+    outcome = make_outcome(before, fit, verdict)
+    permitted = [dict.fromkeys(experiments[0].measured, each) for each in (trailing, centred)]
+    after = reconsider_filters(outcome, prepare, search_model, permitted)
+    assert (after is not outcome) == is_taken
+    if is_late:
+        assert get_filter(searched[0]) == centred
+    else:
+        assert searched == []
 
 
 def test_channels_without_filter_stay(tmp_path: Path, simulator: Simulator) -> None:

@@ -66,7 +66,7 @@ def refine_filters(
     only where something is missing, and taken where nothing is missing with them, or where they explain the signals
     much better. ``prepare`` weighs trials and fits the device without added effects to them.
     """
-    detected = _collect_filters(preparation.data)
+    detected = collect_filters(preparation.data)
     if not (detected and has_repeats(preparation.data.experiments)):
         return preparation
     tried = [detected, *others] if _has_misfit(preparation) else [detected]
@@ -98,32 +98,39 @@ def _explains_much_more(candidate: _Candidate, current: _Candidate) -> bool:
 
 
 def reconsider_filters(
-    outcome: Outcome, prepare: Callable[[list[Experiment]], Preparation], search_model: Callable[[Preparation], Outcome]
+    outcome: Outcome,
+    prepare: Callable[[list[Experiment]], Preparation],
+    search_model: Callable[[Preparation], Outcome],
+    permitted: Sequence[Filters],
 ) -> Outcome:
-    """Return ``outcome``, or that with the cut-off frequencies which its model shows, where it explains the data to the
-    noise.
+    """Return ``outcome``, or that with the filters which its model shows, where it explains the data to the noise.
 
-    A lag or another clock of a filtered channel may be an error of its cut-off frequency, too.
+    Those are filters with other cut-off frequencies, or others of those that the noise has ``permitted``: effects that
+    were missing have decided, too. A lag or another clock of a filtered channel may be an error of its filter.
     """
-    detected, selected = _collect_filters(outcome.data), outcome.selected
-    delays = [t for t in outcome.terms if t.effect in CHANNEL_DELAYS and t.channel in detected]
+    current, selected = collect_filters(outcome.data), outcome.selected
+    filtered = {channel for filters in (current, *permitted) for channel in filters}
+    delays = [t for t in outcome.terms if t.effect in CHANNEL_DELAYS and t.channel in filtered]
     is_adequate = selected.verdict in ADEQUATE_VERDICTS
-    if not detected or (is_adequate and not delays):
+    if not filtered or (is_adequate and not delays):
         return outcome
     fit = selected.final_fit
     for term in delays:
         fit = refit_without_term(selected.data, fit, term)
-    best = _compare_cutoffs(selected.data, fit, detected)
-    if best.detected_cost - best.refined_cost < MIN_COST_GAIN:
+    tried = [current, *(filters for filters in permitted if filters != current)]
+    candidates = [_compare_cutoffs(selected.data, fit, filters) for filters in tried + _list_aligned(tried)]
+    best = min(candidates, key=lambda candidate: candidate.refined_cost)
+    if candidates[0].detected_cost - best.refined_cost < MIN_COST_GAIN:
         return outcome
     refined = search_model(prepare([_filter_alike(e, best.refined) for e in outcome.experiments]))
     if refined.selected.verdict not in ADEQUATE_VERDICTS:
         return outcome
-    n_delays = sum(t.effect in CHANNEL_DELAYS and t.channel in detected for t in refined.terms)
+    n_delays = sum(t.effect in CHANNEL_DELAYS and t.channel in filtered for t in refined.terms)
     return refined if n_delays < len(delays) or not is_adequate else outcome
 
 
-def _collect_filters(data: WeightedData) -> dict[str, ChannelFilter]:
+def collect_filters(data: WeightedData) -> dict[str, ChannelFilter]:
+    """Return channel -> the filter that it went through in the trials of ``data``."""
     return dict(item for e in data.experiments for item in e.filters.items())
 
 

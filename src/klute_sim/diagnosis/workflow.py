@@ -30,7 +30,7 @@ from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.channel_filter import Filters
 from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
-from klute_sim.diagnosis.filter_refinement import reconsider_filters, refine_filters
+from klute_sim.diagnosis.filter_refinement import collect_filters, reconsider_filters, refine_filters
 from klute_sim.diagnosis.final_model import (
     FinalModel,
     select_adequate_model,
@@ -148,7 +148,8 @@ def _run_workflow(
     def search_model(prepared: Preparation) -> Outcome:
         return _search_model(dataset, prepared, options, progress)
 
-    linear = refine_filters(prepare(experiments), prepare, other_filters)
+    detected = prepare(experiments)
+    linear = refine_filters(detected, prepare, other_filters)
     hold = prepare_zero_order_hold(linear, prepare)
     outcome = search_model(hold[0] if hold else linear)
     if hold:
@@ -158,7 +159,7 @@ def _run_workflow(
     elif outcome.selected.verdict != "nothing-missing":
         outcome, remarks = select_command_interpolation(outcome, prepare, search_model, progress)
         reasons += remarks
-    outcome = reconsider_filters(outcome, prepare, search_model)
+    outcome = reconsider_filters(outcome, prepare, search_model, [collect_filters(detected.data), *other_filters])
     reasons += [*describe_low_pass_filters(outcome.experiments), *outcome.remarks]
     experiments, data, search, base_fit, selected, _ = outcome
     quantizers = select_quantizers(quantizers, options.only, options.exclude)  # all of them are simulated
