@@ -33,7 +33,6 @@ from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_numb
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
 from klute_sim.diagnosis.selection.predictive_model import (
     MAX_RIVAL_RATIO,
-    MIN_TERM_SHARE,
     FoldPart,
     PredictiveModel,
     PredictiveResult,
@@ -66,6 +65,9 @@ N_EXTENDED_PAIRS = 2
 MIN_SHARE = 0.6
 """Share of the explainable error of prediction that names must take (assumed: a proxy for an effect outside the
 catalogue takes less, named effects of measured muscles and seals take 0.78 to 1)."""
+MAX_NUMBER_SHARE = 0.05
+"""Share of what names gain that may need numbers at the limit of their uncertainty (assumed: the error of the law moves
+numbers as well; a true name beside a law that was wrong by 2 to 5 % of the range needed 4 %)."""
 FOLD_STEP_DEVIATION = 2.0
 """Scale of the quadratic penalty on the step of each normalized parameter when a fold is left out (assumed). With it,
 the errors of converged models of a measured seal agree with refits within about 1 %; without it they are up to four
@@ -199,7 +201,7 @@ class PredictiveSelection:
     def _admit_numbers(self, base: PredictiveModel, model: PredictiveModel) -> PredictiveModel:
         """Return ``model``; it may be named with numbers at the limit of their uncertainty if its terms need no limit.
 
-        The error of the law moves numbers, too. The terms need no limit if all but :data:`MIN_TERM_SHARE` of what they
+        The error of the law moves numbers, too. The terms need no limit if all but :data:`MAX_NUMBER_SHARE` of their
         gain over ``base`` remains with these numbers as declared. A model that takes less than :data:`MIN_SHARE` of the
         error of ``base`` is not worth a name.
         """
@@ -211,7 +213,7 @@ class PredictiveSelection:
         if find_numbers_at_limit(declared):  # the registration of a walk
             return model
         lost = self.assess(declared).error - model.error
-        return replace(model, obstacle=obstacle) if lost <= MIN_TERM_SHARE * gain else model
+        return replace(model, obstacle=obstacle) if lost <= MAX_NUMBER_SHARE * gain else model
 
     def assess(self, fit: Fit) -> PredictiveModel:
         """Return the errors of prediction of ``fit``.
