@@ -17,7 +17,7 @@ N_CACHED_RESPONSES = 64
 
 
 class ChannelFilter(ABC):
-    """A linear filter with gain 1 for slow signals; two are equal if they do the same."""
+    """A linear filter with gain 1 for slow signals; it is hashable, and equal to one with the same response."""
 
     @property
     @abstractmethod
