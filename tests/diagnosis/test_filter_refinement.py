@@ -78,7 +78,7 @@ def test_signals_correct_the_cutoff(tmp_path: Path, simulator: Simulator, assume
     before, after = refine(dataset, simulator, replace(ZERO_LAG, cutoff=assumed_cutoff))
     assert after is not before
     assert get_filter(after).cutoff == pytest.approx(CUTOFF_HZ, rel=0.04)
-    (sentence,) = describe_low_pass_filters(after.experiments)
+    (sentence,) = describe_low_pass_filters(after.experiments, {})
     assert f"'force' ({get_filter(after).cutoff:.2g} Hz)" in sentence
 
 
@@ -116,7 +116,7 @@ def test_signals_show_the_delay(
     found = get_filter(after)
     assert (found.kind, found.order, found.is_aligned) == ("butterworth", 4, is_aligned)
     assert found.cutoff == pytest.approx(CUTOFF_HZ, rel=0.03)
-    (sentence,) = describe_low_pass_filters(after.experiments)
+    (sentence,) = describe_low_pass_filters(after.experiments, {})
     assert f"Hz, delay {1e3 * found.delay:.3g} ms" in sentence
     assert sentence.endswith(sentence_end)
 
@@ -147,6 +147,9 @@ def test_inputs_that_were_averaged_alike_leave_no_filter(tmp_path: Path, simulat
         before, prepare, [dict.fromkeys(experiments[0].measured, replace(window, is_trailing=True)), {}]
     )
     assert all(e.filters == {} for e in after.experiments)
+    (sentence,) = describe_low_pass_filters(after.experiments, {"force": window})
+    assert "'force' (moving average of 40 samples)" in sentence
+    assert sentence.endswith("so the simulation is not filtered.")
 
 
 def test_filter_without_delay_keeps_none(tmp_path: Path, simulator: Simulator) -> None:
@@ -205,5 +208,5 @@ def test_channels_without_filter_stay(tmp_path: Path, simulator: Simulator) -> N
     fit, weighted = fit_base_device(dataset, experiments, simulator)
     preparation = Preparation(experiments, weighted, fit, [])
     assert refine_filters(preparation, lambda trials: pytest.fail("nothing to prepare"), []) is preparation
-    assert describe_low_pass_filters(experiments) == []
+    assert describe_low_pass_filters(experiments, {}) == []
     assert np.isfinite(fit.chi2)

@@ -159,8 +159,9 @@ def _run_workflow(
     elif outcome.selected.verdict != "nothing-missing":
         outcome, remarks = select_command_interpolation(outcome, prepare, search_model, progress)
         reasons += remarks
-    outcome = reconsider_filters(outcome, prepare, search_model, [collect_filters(detected.data), *other_filters])
-    reasons += [*describe_low_pass_filters(outcome.experiments), *outcome.remarks]
+    filters = collect_filters(detected.data)
+    outcome = reconsider_filters(outcome, prepare, search_model, [filters, *other_filters])
+    reasons += [*describe_low_pass_filters(outcome.experiments, filters), *outcome.remarks]
     experiments, data, search, base_fit, selected, _ = outcome
     quantizers = select_quantizers(quantizers, options.only, options.exclude)  # all of them are simulated
     if quantizers:

@@ -121,20 +121,36 @@ def _add_filters(experiment: Experiment, filters: Filters) -> Experiment:
     return replace(experiment, measured=measured, filters=filters)
 
 
-def describe_low_pass_filters(experiments: Sequence[Experiment]) -> list[str]:
-    """Return a sentence about the channels of ``experiments`` that were filtered; none without any."""
+def describe_low_pass_filters(experiments: Sequence[Experiment], detected: Filters) -> list[str]:
+    """Return sentences about the channels of ``experiments`` that were filtered; none without any.
+
+    ``detected`` are the filters that the noise shows first. The simulation does without those of channels whose inputs
+    went through the same.
+    """
     filters = dict(item for e in experiments for item in e.filters.items())
-    if not filters:
-        return []
-    names = ", ".join(f"'{channel}' ({_describe_filter(found)})" for channel, found in filters.items())
-    sentence = (
-        "The noise shows that these channels were low-pass filtered, so the simulation is filtered alike: " + names
-    )
-    if any(found.has_delay for found in filters.values()):
-        if not any(found.lateness for found in filters.values()):
-            return [f"{sentence}. The inputs are as late as these channels, or the delays were subtracted."]
-        return [f"{sentence}. The simulation has their delay, too."]
-    return [f"{sentence}. They are taken to have no delay (zero lag); state that of an amplifier in [delay]."]
+    sentences = []
+    if filters:
+        start = "The noise shows that these channels were low-pass filtered, so the simulation is filtered alike"
+        sentences.append(f"{start}: {_list_filters(filters)}. {_describe_delay(filters)}")
+    unused = {channel: each for channel, each in detected.items() if channel not in filters}
+    if unused:
+        sentences.append(
+            f"The noise shows that these channels were low-pass filtered: {_list_filters(unused)}. They agree with the "
+            "inputs as they are, which went through the same filter, so the simulation is not filtered."
+        )
+    return sentences
+
+
+def _list_filters(filters: Filters) -> str:
+    return ", ".join(f"'{channel}' ({_describe_filter(found)})" for channel, found in filters.items())
+
+
+def _describe_delay(filters: Filters) -> str:
+    if not any(found.has_delay for found in filters.values()):
+        return "They are taken to have no delay (zero lag); state that of an amplifier in [delay]."
+    if any(found.lateness for found in filters.values()):
+        return "The simulation has their delay, too."
+    return "The inputs are as late as these channels, or the delays were subtracted."
 
 
 def _describe_filter(found: ChannelFilter) -> str:
