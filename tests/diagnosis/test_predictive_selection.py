@@ -435,21 +435,6 @@ def test_hose_that_is_a_nozzle_is_not_named(length_m: float, is_refused: bool) -
     simulator.close()
 
 
-@pytest.mark.parametrize("effect", ["clock_skew", "sensor_lag"])
-def test_delay_below_half_a_sampling_interval_is_not_named(effect: str) -> None:
-    trials = make_repeats([np.linspace(0.0, 500.0, 100)] * 2)
-    interval = float(np.median(np.diff(trials[0].measured["force"].time)))
-    simulator = Simulator(1)
-    data = WeightedData(simulator, trials, {})
-    fit = make_fit((EffectTerm(effect, "linear", "force"),), [1.0])
-    for delay, is_named in ((0.4 * interval, False), (0.6 * interval, True)):
-        parameter = fit.hypothesis.parameters[-1]
-        x = (delay - parameter.denormalize(0.0)) / (parameter.denormalize(1.0) - parameter.denormalize(0.0))
-        obstacle = find_naming_obstacle(data, replace(fit, x=np.array([x])))
-        assert ("sampling interval" in obstacle) is not is_named
-    simulator.close()
-
-
 def test_channel_that_only_another_repeat_measured_counts() -> None:
     first, second = make_repeats([np.ones(100), np.full(90, 2.0)])[:2]
     simulator = Simulator(1)

@@ -93,6 +93,8 @@ def test_short_delay_is_named_only_if_it_explains_the_data_to_the_noise(
 ) -> None:
     """A load cell that was 2 ms late in a log of 200 Hz was not named, and a device without it was `unexplained`."""
     judged = replace(data, experiments=data.experiments[:n_trials], has_law_error=has_law_error)
-    fit = make_fit(judged, LAG, misfit=misfit, time_constant_s=lag_samples * get_interval(data))
-    obstacle = find_naming_obstacle(judged, fit)
-    assert (expected in obstacle) if expected else not obstacle
+    delay = lag_samples * get_interval(data)
+    for term in (LAG, SKEW):
+        fit = make_fit(judged, term, misfit=misfit, time_constant_s=delay, shift_s=delay)
+        obstacle = find_naming_obstacle(judged, fit)
+        assert (expected in obstacle) if expected else not obstacle

@@ -25,7 +25,7 @@ def detect(apply: Callable[[np.ndarray], np.ndarray], seed: int = 0, n_pairs: in
     return detect_filters({"force": differences}, {"force": RATE_HZ})
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.integers(4, 90), st.integers(0, 100))
 def test_noise_shows_the_moving_average(n_samples: int, seed: int) -> None:
     centred, trailing, none = detect(lambda values: average(values, n_samples), seed)
