@@ -23,6 +23,12 @@ def amplify(values: np.ndarray, cutoff: float, order: int, kind: str = "butterwo
     return sosfilt(sections, values, zi=values[0] * sosfilt_zi(sections))[0]
 
 
+def average(values: np.ndarray, n_samples: int, *, is_trailing: bool = False) -> np.ndarray:
+    """Return the mean of each window of ``n_samples``, whose middle or end is at its sample."""
+    means = np.convolve(values, np.full(n_samples, 1.0 / n_samples), "full")[: len(values)]
+    return means if is_trailing else np.roll(means, -(n_samples // 2))
+
+
 def make_noise(seed: int) -> np.ndarray:
     """Return white noise of 4 N at :data:`TIME`."""
     return np.random.default_rng(seed).normal(0.0, 4.0, len(TIME))

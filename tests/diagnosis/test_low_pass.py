@@ -98,3 +98,10 @@ def test_filter_is_linear_and_has_no_delay(cutoff: float, order: int) -> None:
 def test_ends_are_left_out() -> None:
     series = LowPassFilter(10.0, 2, RATE_HZ).trim_ends(TimeSeries(TIME, MOTION))
     assert (series.time[0], series.time[-1]) == pytest.approx((0.2, DURATION_S - 0.2), abs=2.0 / RATE_HZ)
+
+
+def test_alignment_removes_the_delay_only() -> None:
+    amplifier, zero_lag = LowPassFilter(10.0, 4, RATE_HZ, "butterworth"), LowPassFilter(10.0, 4, RATE_HZ)
+    assert amplifier.align().lateness == 0.0 < amplifier.lateness
+    assert amplifier.align().delay == amplifier.delay
+    assert zero_lag.align() == zero_lag

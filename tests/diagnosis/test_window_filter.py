@@ -8,15 +8,9 @@ from scipy.signal import filtfilt, savgol_filter
 
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.window_filter import WindowFilter
-from tests.diagnosis.filtered_signals import RATE_HZ, REVERSALS, TIME
+from tests.diagnosis.filtered_signals import RATE_HZ, REVERSALS, TIME, average
 
 INNER = slice(200, -200)
-
-
-def average(values: np.ndarray, n_samples: int, *, is_trailing: bool = False) -> np.ndarray:
-    """Return the mean of each window of an odd number of samples, whose middle or end is at its sample."""
-    means = np.convolve(values, np.full(n_samples, 1.0 / n_samples), "full")[: len(values)]
-    return means if is_trailing else np.roll(means, -(n_samples // 2))
 
 
 @pytest.mark.parametrize("n_samples", [5, 25, 101])

@@ -13,8 +13,7 @@ from klute_sim.diagnosis.experiments.channel_filter import Filters
 from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
 from klute_sim.diagnosis.experiments.window_filter import WindowFilter
 from klute_sim.diagnosis.noise.filtered_noise import detect_filters
-from tests.diagnosis.filtered_signals import MOTION, RATE_HZ, TIME, amplify, filter_twice, make_noise
-from tests.diagnosis.test_window_filter import average
+from tests.diagnosis.filtered_signals import MOTION, RATE_HZ, TIME, amplify, average, filter_twice, make_noise
 
 
 def detect(apply: Callable[[np.ndarray], np.ndarray], seed: int = 0, n_pairs: int = 2, kept: int = 1) -> list[Filters]:

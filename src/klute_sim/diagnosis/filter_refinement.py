@@ -69,12 +69,13 @@ def refine_filters(
     detected = collect_filters(preparation.data)
     if not (detected and has_repeats(preparation.data.experiments)):
         return preparation
-    tried = [detected, *others] if _has_misfit(preparation) else [detected]
+    has_misfit_before = _has_misfit(preparation)
+    tried = [detected, *others] if has_misfit_before else [detected]
     candidates = [
         _compare_cutoffs(preparation.data, preparation.base_fit, filters) for filters in tried + _list_aligned(tried)
     ]
     best = min(candidates, key=lambda candidate: candidate.refined_cost)
-    if not _has_misfit(preparation) and candidates[0].detected_cost - best.refined_cost < MIN_COST_GAIN:
+    if not has_misfit_before and candidates[0].detected_cost - best.refined_cost < MIN_COST_GAIN:
         return preparation
     for _ in range(MAX_REFINEMENTS):
         refined = prepare([_filter_alike(e, best.refined) for e in preparation.experiments])

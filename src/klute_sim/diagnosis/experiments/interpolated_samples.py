@@ -20,10 +20,12 @@ MIN_READINGS = 20
 MIN_CHANGE_RATIO = 3.0
 """Median change of the slope at readings, over the largest one between them (assumed)."""
 MAX_ROUNDING_STEPS = 4.0
-"""Largest change of the slope between readings, times the sampling interval, in steps of the log: that of four rounded
-samples."""
+"""Largest change of the slope between readings, times the sampling interval, in steps of the log (assumed: twice that
+of three rounded samples)."""
 ROUNDING_QUANTILE = 0.99
 """Fraction of the samples between readings that have to be on straight lines (assumed)."""
+MIN_LINE_FRACTION = 0.45
+"""Fraction of all samples below which no readings are looked for: every second one is on a line, or more."""
 
 
 def drop_interpolated_samples(trial: Trial) -> Trial:
@@ -62,6 +64,8 @@ def _find_readings(series: TimeSeries) -> slice | None:
         return None
     changes = np.abs(np.diff(np.diff(series.value) / np.diff(series.time))) * series.sampling_interval
     max_change = MAX_ROUNDING_STEPS * _find_resolution(series.value)
+    if np.quantile(changes, MIN_LINE_FRACTION) > max_change:
+        return None
     # Every divisor of the true number of samples per reading agrees with the readings, too.
     for step in range(min(MAX_SAMPLES_PER_READING, len(changes) // MIN_READINGS), 1, -1):
         rows = changes[: len(changes) // step * step].reshape(-1, step)

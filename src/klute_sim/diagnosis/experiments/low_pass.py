@@ -109,8 +109,8 @@ class LowPassFilter(ChannelFilter):
         return f"{self.cutoff:.2g} Hz"
 
     def align(self) -> "LowPassFilter":
-        """Return the filter of a channel that is not late to the inputs."""
-        return replace(self, is_aligned=True)
+        """Return the filter of a channel that is not late to the inputs; itself without delay."""
+        return replace(self, is_aligned=True) if self.has_delay else self
 
     def scale_cutoff(self, factor: float) -> "LowPassFilter":
         """Return the filter with another cut-off frequency."""

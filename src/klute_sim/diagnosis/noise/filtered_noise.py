@@ -124,8 +124,8 @@ def _add_filters(experiment: Experiment, filters: Filters) -> Experiment:
 def describe_low_pass_filters(experiments: Sequence[Experiment], detected: Filters) -> list[str]:
     """Return sentences about the channels of ``experiments`` that were filtered; none without any.
 
-    ``detected`` are the filters that the noise shows first. The simulation does without those of channels whose inputs
-    went through the same.
+    ``detected`` are the filters that the noise shows first. The simulation does without those of channels that agree
+    better so, as where the inputs went through the same.
     """
     filters = dict(item for e in experiments for item in e.filters.items())
     sentences = []
@@ -135,8 +135,8 @@ def describe_low_pass_filters(experiments: Sequence[Experiment], detected: Filte
     unused = {channel: each for channel, each in detected.items() if channel not in filters}
     if unused:
         sentences.append(
-            f"The noise shows that these channels were low-pass filtered: {_list_filters(unused)}. They agree with the "
-            "inputs as they are, which went through the same filter, so the simulation is not filtered."
+            f"The noise shows that these channels were low-pass filtered: {_list_filters(unused)}. They agree better "
+            "with a simulation that is not filtered, as where the inputs went through the same filter."
         )
     return sentences
 

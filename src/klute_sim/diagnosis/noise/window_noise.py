@@ -23,8 +23,8 @@ MIN_WINDOWS_PER_RECORD = 20
 PASS_FRACTION = 0.05
 """Part of the spectrum that is compared with the highest frequencies (assumed)."""
 MIN_STOP_RATIO = 6.0
-"""Smallest ratio of the power of the noise in this band to that at the highest frequencies, where windows are tried: a
-moving average of four samples leaves about an eighth (assumed)."""
+"""Smallest ratio of the power of the noise in this band to that at the highest frequencies, where windows are tried: of
+these, a Savitzky-Golay filter of five samples leaves most, an eighth (assumed)."""
 N_REFINED = 8
 """Number of windows for which a lag of the sensor is tried."""
 POLE_FACTORS = np.array([np.inf, 4.0, 2.0, 1.0, 0.5, 0.25])

@@ -121,9 +121,9 @@ def find_unresolved_delays(data: WeightedData, fit: Fit) -> dict[EffectTerm, str
     }
     if not delays:
         return {}
-    is_sufficient = not data.has_law_error and has_repeats(data.experiments)
-    is_sufficient = is_sufficient and not has_misfit(data.experiments, fit.residuals, data.noise)
-    fraction, limit = (MIN_SUFFICIENT_DELAY_SAMPLES, "a tenth of") if is_sufficient else (MIN_DELAY_SAMPLES, "half")
+    may_reach_noise = has_repeats(data.experiments) and not data.has_law_error
+    reaches_noise = may_reach_noise and not has_misfit(data.experiments, fit.residuals, data.noise)
+    fraction, limit = (MIN_SUFFICIENT_DELAY_SAMPLES, "a tenth of") if reaches_noise else (MIN_DELAY_SAMPLES, "half")
     intervals: dict[str, list[float]] = {}
     for e in data.experiments:
         for channel, series in e.measured.items():
