@@ -27,6 +27,7 @@ from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
 from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection.bounds import has_value_at_bound
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.main_effect import find_rivals_of_main_effect
 from klute_sim.diagnosis.selection.naming import (
     describe_coincidence,
     find_naming_obstacle,
@@ -87,6 +88,9 @@ def select_adequate_model(
         verdict, equivalent_models, reasons = "indistinguishable", [rival.model], [rival.sentence, *reasons]
     if verdict == "unexplained":  # proxies have no alternatives
         equivalent_models = []
+    elif rivals := find_rivals_of_main_effect(search, base_fit, final_fit):
+        verdict, equivalent_models = "indistinguishable", [*equivalent_models, *rivals]
+        reasons.append(_describe_rivals(final_fit, search.history[0].added_term, rivals))
     if verdict in ("identified", "indistinguishable") and has_value_at_bound(final_fit):
         return None
     return FinalModel(
@@ -361,6 +365,16 @@ def _decide_verdict(
         sentence = f"{names} would explain the data as well: BIC differs by less than {math.floor(difference) + 1}."
         return "indistinguishable", [*reasons, sentence]
     return "identified", reasons
+
+
+def _describe_rivals(final_fit: Fit, main_term: EffectTerm | None, rivals: Sequence[EquivalentModel]) -> str:
+    """Return a sentence about the ``rivals`` of ``main_term``, which explains nearly all."""
+    names = " or ".join(str(model.fit.hypothesis.terms[-1]) for model in rivals)
+    others = [str(term) for term in final_fit.hypothesis.terms if main_term and term.identity != main_term.identity]
+    return (
+        f"{names} alone explains nearly as much as {main_term} alone. An error of the law may be as large as the "
+        f"difference, since {' and '.join(others)} {'add' if len(others) > 1 else 'adds'} little."
+    )
 
 
 def _describe_proxies(final_fit: Fit) -> list[str]:

@@ -14,17 +14,17 @@ import numpy as np
 from klute_sim.datasets.mechanism import is_model_number
 from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
 from klute_sim.diagnosis.discrepancy.sparse_regression import fit_data_driven_term
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Identity
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.bounds import refine_names
 from klute_sim.diagnosis.selection.candidates import acts_on_pressure
 from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection
+from klute_sim.diagnosis.selection.main_effect import list_rivals_of_step
 from klute_sim.diagnosis.selection.naming import find_implausible_number, find_naming_obstacle, list_kinds
 from klute_sim.diagnosis.selection.pair_screening import has_adequate_pair
 from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
 from klute_sim.diagnosis.selection.robustness import MAX_GAIN_LAG_FRACTION, EquivalentModel
-from klute_sim.diagnosis.selection.selection_step import SelectionStep
 
 DECISIVE_MARGIN = 3.0
 """Margin of a data-driven term over names, in thresholds of BIC, from which no search for other names is worth its time
@@ -228,25 +228,5 @@ def find_decisive_term(
     named_fit = refine_names(search.data, named_fit)
     if base_fit.chi2 - named_fit.chi2 < MIN_NAMED_SHARE * gain or find_naming_obstacle(search.data, named_fit):
         return DecisiveTerm(adequate, None, [])
-    return DecisiveTerm(adequate, named_fit, _list_rivals(search, last_step, base_fit, named_fit))
-
-
-def _list_rivals(search: ForwardSelection, step: SelectionStep, base_fit: Fit, named_fit: Fit) -> list[EquivalentModel]:
-    """Return the fits with another last name that explain nearly as much as ``named_fit``, best first.
-
-    ``step`` has added the last name.
-    """
     max_chi2 = named_fit.chi2 + MAX_GAIN_LAG_FRACTION * (base_fit.chi2 - named_fit.chi2)
-    name = named_fit.hypothesis.terms[-1]
-    rivals: dict[Identity, EquivalentModel] = {}
-    for refit in step.refits[1:]:
-        identity = refit.hypothesis.terms[-1].identity
-        if refit.chi2 > max_chi2 or identity == name.identity or identity in rivals:
-            continue
-        rival = refine_names(search.data, refit)
-        if rival.chi2 > max_chi2 or find_naming_obstacle(search.data, rival):
-            continue
-        gains = search.compute_validation_gains(step.initial_fit, rival)
-        if not search.rejection_reason(step.initial_fit, rival, gains):
-            rivals[identity] = EquivalentModel(rival, compute_bic_difference(search, rival, named_fit))
-    return sorted(rivals.values(), key=lambda rival: rival.difference)
+    return DecisiveTerm(adequate, named_fit, list_rivals_of_step(search, last_step, named_fit, max_chi2, named_fit))
