@@ -1,13 +1,19 @@
 """Sentences on models of an imperfect law that predict as well as each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.diagnosis.imperfect_law import decide_verdict
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
+from klute_sim.diagnosis.imperfect_law import compute_explained_noise_fraction, decide_verdict
+from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 
 DRIFT = EffectTerm("sensor_drift", "linear", "force")
 OFFSET = EffectTerm("sensor_offset", "linear", "force")
@@ -48,3 +54,34 @@ def test_share_of_one_says_that_the_noise_is_overestimated(share: float, is_said
     decision = decide_verdict(result)
     assert decision.verdict == "identified-in-part"
     assert any("noise is estimated too large" in reason for reason in decision.reasons) == is_said
+
+
+@pytest.mark.parametrize(("fraction", "verdict"), [(0.8, "unexplained"), (1.2, "identified-in-part")])
+def test_effect_smaller_than_the_noise_is_not_named_where_the_law_is_imperfect(fraction: float, verdict: str) -> None:
+    base, chosen = make_model(error=9.0), make_model(TENSION, error=1.0)
+    result = PredictiveResult(base, chosen, [], [chosen, base], {TENSION: 1.0}, 0.9, 2.0, "condition", 6)
+    decision = decide_verdict(result, explained_noise_fraction=fraction)
+    assert decision.verdict == verdict
+    assert ("This is 0.80 times the noise" in decision.reasons[-1]) == (verdict == "unexplained")
+
+
+def test_explained_misfit_is_that_of_the_channel_with_most() -> None:
+    readings = np.random.default_rng(0).standard_normal((2, 4, 100))
+    base, chosen = (
+        replace(
+            model, fit=replace(model.fit, residuals=[{"force": s * force, "pressure": 1e3 * p} for force in rows[:2]])
+        )
+        for model, rows, s, p in (
+            (make_model(error=9.0), readings[0], 5.0, readings[0][2]),
+            (make_model(TENSION, error=1.0), readings[0], 3.0, readings[0][3]),
+        )
+    )
+    result = PredictiveResult(base, chosen, [], [chosen, base], {TENSION: 1.0}, 0.9, 2.0, "condition", 6)
+    noise = {"force": Noise(2.0, ()), "pressure": Noise(1e5, ())}
+    data = WeightedData(Simulator(1), [], {})
+    selection = PredictiveSelection(data, noise, [], lambda _: None)
+    rms = np.sqrt(np.mean(readings[0][:2] ** 2))
+    assert compute_explained_noise_fraction(selection, result) == pytest.approx(4.0 * rms / 2.0)
+    assert compute_explained_noise_fraction(PredictiveSelection(data, {}, [], lambda _: None), result) == np.inf
+    worse = replace(result, base=chosen, chosen=base)
+    assert compute_explained_noise_fraction(selection, worse) < 0.1

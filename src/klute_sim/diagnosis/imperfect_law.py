@@ -38,6 +38,10 @@ FOLD_WORDS = {"condition": "condition", "specimen": "specimen", "part": "part of
 MAX_ADEQUATE_MODELS = 3
 """Number of models that are tested for reaching the noise between repeats."""
 
+MIN_EXPLAINED_NOISE_FRACTION = 1.0
+"""Part of the noise of a channel that names must explain (assumed: where no model reaches the noise, the law is off by
+about as much, and any effect that resembles its error explains it)."""
+
 
 class ImperfectLawDecision(NamedTuple):
     """What the selection by prediction decides."""
@@ -111,9 +115,25 @@ def find_adequate_model(
     return None
 
 
+def compute_explained_noise_fraction(selection: PredictiveSelection, result: PredictiveResult) -> float:
+    """Return what the chosen model explains beyond the base model (RMS) over the noise between repeats.
+
+    The largest of all channels counts; infinite without repeats.
+    """
+    fractions = []
+    for channel, noise in selection.repeat_noise.items():
+        before, after = (
+            float(np.mean(np.concatenate([row[channel] for row in model.fit.residuals if channel in row]) ** 2))
+            for model in (result.base, result.chosen)
+        )
+        fractions.append(np.sqrt(max(0.0, before - after)) / noise.std)
+    return float(max(fractions, default=np.inf))
+
+
 def decide_verdict(
     result: PredictiveResult,
     *,
+    explained_noise_fraction: float = np.inf,
     has_repeats: bool = True,
     has_exact_inputs: bool = True,
     has_one_specimen: bool = True,
@@ -121,6 +141,7 @@ def decide_verdict(
     """Return the verdict on ``result`` and its reasons.
 
     Without repeats an unexplained remainder may be noise, so the data are insufficient where nothing is named.
+    ``explained_noise_fraction`` is that of :func:`compute_explained_noise_fraction`.
     ``has_exact_inputs`` says whether the rig does what was logged; a replay of gait simplifies limb and foot.
     """
     unexplained: Verdict = "unexplained" if has_repeats else "insufficient-data"
@@ -148,6 +169,12 @@ def decide_verdict(
     if result.share < MIN_SHARE:
         reasons.append(
             f"A share of {100 * result.share:.0f} % is not enough for a name; {100 * MIN_SHARE:.0f} % are required."
+        )
+        return ImperfectLawDecision(unexplained, reasons)
+    if explained_noise_fraction < MIN_EXPLAINED_NOISE_FRACTION:
+        reasons.append(
+            f"This is {explained_noise_fraction:.2f} times the noise between repeats (RMS, in the channel with most). "
+            f"An imperfect law may leave as much; {MIN_EXPLAINED_NOISE_FRACTION:g} times are required for a name."
         )
         return ImperfectLawDecision(unexplained, reasons)
     if result.has_proxies:
