@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.selection import bounds
+from klute_sim.diagnosis.selection import bounds, nested_forms
 from klute_sim.diagnosis.selection.naming import find_terms_at_bound
 from klute_sim.diagnosis.selection.nested_forms import refit_with_containing_forms, restart_nested_forms
 from klute_sim.diagnosis.workflow import fit_base_device
@@ -118,3 +119,22 @@ def test_other_fits_stay(
 ) -> None:
     fits = [make_fit(*pair) for pair in zip(terms, chi2, strict=True)]
     assert all(a is b for a, b in zip(restart_nested_forms(prepared[0], fits, max_nfev=5), fits, strict=True))
+
+
+@pytest.mark.parametrize("force", [3.0, 15.0])
+def test_refit_begins_at_the_value_of_the_simpler_form_whatever_the_scales(
+    force: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The typical friction of a seal is 15 N without an influence of the pressure and 8 N with it."""
+    monkeypatch.setattr(nested_forms, "fit_hypothesis", lambda data, hypothesis, start, **_: (hypothesis, start))
+    term = EffectTerm("seal_friction", "coulomb")
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), (("force", 3.0),), (term,))
+    x = np.array([hypothesis.parameters[0].normalize(force)])
+    fit = Fit(hypothesis, x, np.zeros(1), np.zeros((1, 1)), True, [])
+    refits: list[Any] = refit_with_containing_forms(WeightedData(Simulator(1), [], {}), fit, term)
+    assert refits
+    for refitted, start in refits:
+        (carried,) = (p.denormalize(v) for p, v in zip(refitted.parameters, start, strict=True) if p.name == "force_n")
+        assert carried == pytest.approx(force)
+        assert (start >= refitted.bounds()[0]).all()
+        assert (start <= refitted.bounds()[1]).all()

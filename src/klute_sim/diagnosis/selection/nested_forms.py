@@ -7,6 +7,8 @@ parameter ends at its bound may be part of such a form, too: a valve that is sym
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
@@ -58,10 +60,11 @@ def refit_with_containing_forms(data: WeightedData, fit: Fit, term: EffectTerm) 
 
 
 def _carry_values(simple: Fit, hypothesis: Hypothesis, index: int) -> Array | None:
-    """Return the point of ``hypothesis`` with the values of ``simple``, and neutral ones of its other parameters.
+    """Return the point of ``hypothesis`` with the values of ``simple``, and initial ones of its other parameters.
 
-    Both differ in the form of their term ``index``. A parameter has the name of the simpler form, or one that ends with
-    it, as the resistance of a valve to filling. None where a parameter of the simpler form has no counterpart.
+    Both differ in the form of their term ``index``, whose forms may have other scales and bounds. A parameter has the
+    name of the simpler form, or one that ends with it, as the resistance of a valve to filling. None where a parameter
+    of the simpler form has no counterpart.
     """
     start = hypothesis.initial_point()
     start[[p.term_index != index for p in hypothesis.parameters]] = simple.x[
@@ -74,5 +77,5 @@ def _carry_values(simple: Fit, hypothesis: Hypothesis, index: int) -> Array | No
         match = [i for name, i in own.items() if name == parameter.name or name.endswith(f"_{parameter.name}")]
         if len(match) != 1:
             return None
-        start[match[0]] = x
-    return start
+        start[match[0]] = hypothesis.parameters[match[0]].normalize(parameter.denormalize(float(x)))
+    return np.clip(start, *hypothesis.bounds())
