@@ -281,6 +281,7 @@ LATER_FORMS: Forms = {
         "friction_n": HiddenParameter(0, 1000, 20),
         "presliding_mm": HiddenParameter(0.02, 50, 1, None),
     },
+    ("tendon_stiffening", "gradual_engagement"): {"transition_mm": HiddenParameter(0, 10, 0.5)},
 }
 """Forms that the public catalogue got after the splits were drawn. No block hides them, so no dataset changes."""
 

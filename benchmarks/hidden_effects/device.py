@@ -224,6 +224,8 @@ def _apply_effect(
             law = law._replace(transition_rise=(thicker**2 - 1.0) * speed**2)
         case ("tendon_stiffening", "quadratic"):
             law = law._replace(stiffening=parameters["stiffening_n_per_mm2"] * 1e6)
+        case ("tendon_stiffening", "gradual_engagement"):
+            law = law._replace(engagement_width=parameters["transition_mm"] * 1e-3)
         case _:
             air = _apply_supply_effect(air, key, parameters)
     return law, air

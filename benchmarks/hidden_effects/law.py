@@ -113,6 +113,7 @@ class Law(NamedTuple):
     tendon_stiffness: float
     tendon_time: float
     tendon_damping: float
+    engagement_width: float
     tendon_friction: float
     tendon_presliding: float
     tendon_slack: float
@@ -297,7 +298,13 @@ def elastic_tendon_tension(stretch: float, law: Law) -> float:
     """Return the tension of two offset springs (Frisén 1969), which never push."""
     if stretch <= 0.0:
         return 0.0
-    force = law.stiffness_1 * stretch + law.stiffness_2 * max(0.0, stretch - law.engagement)
+    force = law.stiffness_1 * stretch
+    if law.engagement_width != 0.0:  # softplus of the stretch beyond engagement, from 0 on
+        rest = math.exp(-law.engagement / law.engagement_width)
+        loaded = rest * math.exp(stretch / law.engagement_width)
+        force += law.stiffness_2 * law.engagement_width * math.log((1.0 + loaded) / (1.0 + rest))
+    else:
+        force += law.stiffness_2 * max(0.0, stretch - law.engagement)
     if law.stiffening != 0.0:
         force += law.stiffening * stretch * stretch
     return force * math.tanh(stretch / law.toe) if law.toe != 0.0 else force

@@ -226,9 +226,11 @@ def test_library_functions_match_the_formula() -> None:
     )
     for row, value in zip(np.eye(len(expected)), expected, strict=True):
         assert discrepancy_terms.sparse_force(force(*row), *arguments) - 7.0 == pytest.approx(value, rel=1e-3)
+    tendon = load_device("klute-3-4-pair").parameters.tendon
     for row, value in zip(np.eye(3), [0.2, 0.04, 2.0 / 3.0], strict=True):
-        assert discrepancy_terms.sparse_tendon_force(tendon_force(*row), (), 7.0, 2e-3) - 7.0 == pytest.approx(value)
-        assert discrepancy_terms.sparse_tendon_force(tendon_force(*row), (), 0.0, -2e-3) == 0.0
+        tension = discrepancy_terms.sparse_tendon_force(tendon_force(*row), (), 7.0, 2e-3, tendon)
+        assert tension - 7.0 == pytest.approx(value)
+        assert discrepancy_terms.sparse_tendon_force(tendon_force(*row), (), 0.0, -2e-3, tendon) == 0.0
     for values, measured, dt, expected_pressure in (
         ({"offset": 0.1e5}, 1e5, 1e-3, 3.1e5),
         ({"dead_band": 0.1e5}, 2.95e5, 1e-3, 2.95e5),

@@ -106,7 +106,8 @@ SIGNATURES = {
 
 @pytest.mark.parametrize(
     "slot",
-    [s for s in catalogue.get_device_slots() if s.effect in SIGNATURES],
+    # A spring that joins gradually changes the tension near its engagement only.
+    [s for s in catalogue.get_device_slots() if s.effect in SIGNATURES and s.form.name != "gradual_engagement"],
     ids=lambda s: f"{s.effect}-{s.form.name}",
 )
 def test_effect_has_its_signature_while_shortening_and_lengthening(slot: EffectSlot) -> None:

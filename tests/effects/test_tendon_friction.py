@@ -16,7 +16,7 @@ from klute_sim.effects.families import tendon
 from klute_sim.effects.smoothing import EQUILIBRIUM_TIME_STEP
 from klute_sim.laws import tendon as laws_tendon
 from klute_sim.types import Array
-from tests.effects.test_tendon_laws import ALONE, MUSCLE, STIFFNESS, check_convergence, stretch_tendon
+from tests.effects.test_tendon_laws import ALONE, MUSCLE, SPRINGS, STIFFNESS, check_convergence, stretch_tendon
 
 
 class Parameters(NamedTuple):
@@ -72,14 +72,16 @@ def test_sliders_follow_at_their_distances_and_stay_while_slack() -> None:
     p = Parameters(60.0, 3e-3)
     state = step(p, State(), 2.5e-3)
     assert state == pytest.approx((1.5e-3, 0.5e-3, 0.0), abs=1e-15)
-    assert tendon.maxwell_slip_force(p, state, 100.0, 2.5e-3) == pytest.approx(100.0 + 1e4 * (1e-3 + 2e-3 + 2.5e-3))
+    assert tendon.maxwell_slip_force(p, state, 100.0, 2.5e-3, SPRINGS) == pytest.approx(
+        100.0 + 1e4 * (1e-3 + 2e-3 + 2.5e-3)
+    )
     state = step(p, state, 6e-3)
     assert state == pytest.approx((5e-3, 4e-3, 3e-3), abs=1e-15)
-    assert tendon.maxwell_slip_force(p, state, 100.0, 6e-3) == pytest.approx(160.0)
+    assert tendon.maxwell_slip_force(p, state, 100.0, 6e-3, SPRINGS) == pytest.approx(160.0)
     assert step(p, state, 4.5e-3) == state  # nothing slides
     slack = step(p, state, -1e-3)
     assert slack == step(p, state, 0.0)
-    assert tendon.maxwell_slip_force(p, slack, 0.0, -1e-3) == 0.0
+    assert tendon.maxwell_slip_force(p, slack, 0.0, -1e-3, SPRINGS) == 0.0
     for stretch in (-5e-3, -1e-3, -2e-3, 0.0):
         slack = step(p, slack, stretch)
     assert slack == step(p, state, 0.0)
@@ -166,7 +168,7 @@ def compute_friction(stretch: Array, p: Parameters) -> Array:
     state, force = State(), np.empty(len(stretch))
     for k, x in enumerate(stretch.tolist()):
         state = step(p, state, x)
-        force[k] = tendon.maxwell_slip_force(p, state, 0.0, x)
+        force[k] = tendon.maxwell_slip_force(p, state, 0.0, x, SPRINGS)
     return force
 
 
@@ -213,7 +215,7 @@ def test_work_covers_what_the_friction_stores(friction: float, presliding: float
         for new in np.linspace(x, end, 601)[1:].tolist():
             state = step(p, state, new)
             assert all(slider >= 0.0 for slider in state)
-            new_force = tendon.maxwell_slip_force(p, state, 0.0, new) if new > 0.0 else force
+            new_force = tendon.maxwell_slip_force(p, state, 0.0, new, SPRINGS) if new > 0.0 else force
             if new > 0.0 or x > 0.0:
                 at_slack = -0.5 * friction / presliding * sum(state)
                 first, last = (force if x > 0.0 else at_slack), (new_force if new > 0.0 else at_slack)

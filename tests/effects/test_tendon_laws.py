@@ -12,6 +12,7 @@ from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.effects import catalogue
 from klute_sim.effects.families import tendon
+from klute_sim.laws.tendon import TendonParameters, force
 from klute_sim.types import Array
 
 ALONE = parse_device(
@@ -22,6 +23,7 @@ ALONE = parse_device(
 """A tendon without a muscle: one spring of 100 N/mm."""
 STIFFNESS = 1e5
 MUSCLE = load_device("klute-3-4-pair").parameters.muscle
+SPRINGS = TendonParameters(0.1, 6e4, 1.4e5, 4e-3, is_rigid=False)
 
 
 def make_viscous(damping_n_s_per_mm: float, device: DeviceParameters = ALONE) -> DeviceParameters:
@@ -57,8 +59,27 @@ def check_convergence(device: DeviceParameters, dt: float) -> None:
 
 def test_stiffening_adds_its_coefficient_times_the_squared_stretch() -> None:
     p = catalogue.find_form("tendon_stiffening", "quadratic")[1].parameter_type(2e6)
-    assert tendon.stiffening_force(p, (), 100.0, 0.01) == pytest.approx(100.0 + 200.0)
-    assert tendon.stiffening_force(p, (), 0.0, -0.01) == 0.0
+    assert tendon.stiffening_force(p, (), 100.0, 0.01, SPRINGS) == pytest.approx(100.0 + 200.0)
+    assert tendon.stiffening_force(p, (), 0.0, -0.01, SPRINGS) == 0.0
+
+
+@pytest.mark.parametrize("width", [1e-4, 5e-4, 3e-3])
+def test_second_spring_joins_gradually_without_a_force_at_slack_length(width: float) -> None:
+    """Its tension is the integral of a logistic share of its stiffness, and that of the sharp spring far away."""
+    p = catalogue.find_form("tendon_stiffening", "gradual_engagement")[1].parameter_type(width)
+    stretch = np.linspace(0.0, 0.04, 40_001)
+    tension = np.array([tendon.gradual_engagement_force(p, (), force(SPRINGS, x), x, SPRINGS) for x in stretch])
+    share = 1.0 / (1.0 + np.exp(-(stretch - SPRINGS.engagement_stretch) / width))
+    slope = SPRINGS.stiffness_1 + SPRINGS.stiffness_2 * share
+    expected = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(stretch))])
+    np.testing.assert_allclose(tension, expected, atol=0.02)
+    assert tension[0] == 0.0
+    assert (np.diff(tension) > 0.0).all()
+    missing = SPRINGS.stiffness_2 * width * np.log1p(np.exp(-SPRINGS.engagement_stretch / width))
+    assert force(SPRINGS, 0.04) - tension[-1] == pytest.approx(missing, abs=0.5)
+    assert tendon.gradual_engagement_force(p, (), 0.0, -1e-3, SPRINGS) == 0.0
+    sharp = p._replace(transition=0.0)
+    assert tendon.gradual_engagement_force(sharp, (), 321.0, 5e-3, SPRINGS) == 321.0
 
 
 def test_slack_is_subtracted_from_the_stretch() -> None:
@@ -72,7 +93,7 @@ def step_viscous(stretch: list[float], dt: float, damping: float = 3e3) -> list[
     for x in stretch:
         values: Any = tendon.step_stretch_rate(p, state, MUSCLE, 0.0, 0.0, 0.25, x, dt)
         state = SimpleNamespace(stretch_rate=values[0], taut_stretch=values[1])
-        forces.append(tendon.viscous_force(p, state, 100.0, x) - 100.0)
+        forces.append(tendon.viscous_force(p, state, 100.0, x, SPRINGS) - 100.0)
     return forces
 
 

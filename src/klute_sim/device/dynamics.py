@@ -137,10 +137,7 @@ def replace_gas_state(internal_state: tuple[float, ...], gas_state: GasState) ->
 def compute_muscle_force(
     parameters: DeviceParameters, internal_state: tuple[float, ...], pressure: float, length: float, velocity: float
 ) -> float:
-    """Return the force [N] of muscle and damper at muscle ``length`` [m] and ``velocity`` dl/dt [m/s].
-
-    ``pressure`` is the gauge pressure [Pa].
-    """
+    """Return the force [N] of muscle and damper at gauge ``pressure`` [Pa], ``length`` [m] and ``velocity`` [m/s]."""
     damper, effects = apply_damper_effects(parameters, internal_state), parameters.effects
     damping = (
         get_damper_state(internal_state).force
@@ -169,11 +166,12 @@ def compute_tendon_force(
     parameters: DeviceParameters, internal_state: tuple[float, ...], length: float, unit_length: float
 ) -> float:
     """Return the tension [N] of an elastic tendon at muscle ``length`` and ``unit_length`` [m]."""
-    effects, stretch = parameters.effects, unit_length - length - parameters.tendon.slack_length
+    effects, tendon = parameters.effects, parameters.tendon
+    stretch = unit_length - length - tendon.slack_length
     if effects[0] == 0.0:
-        return _tendon.force(parameters.tendon, stretch)
+        return _tendon.force(tendon, stretch)
     stretch = effect_chain.tendon_stretch(effects, internal_state, stretch)
-    pull: float = effect_chain.tendon_force(effects, internal_state, _tendon.force(parameters.tendon, stretch), stretch)
+    pull: float = effect_chain.tendon_force(effects, internal_state, _tendon.force(tendon, stretch), stretch, tendon)
     return max(0.0, pull)
 
 

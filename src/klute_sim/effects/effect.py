@@ -13,7 +13,7 @@ muscle_force        p, state, force, muscle, pressure, length, velocity         
 damper              p, state, damper                                             parameters of the damper
 damper_force        p, state, force, velocity                                    damper tension [N]
 tendon_stretch      p, state, stretch                                            stretch beyond slack length [m]
-tendon_force        p, state, force, stretch                                     tendon tension [N], clipped at 0
+tendon_force        p, state, force, stretch, tendon                             tendon tension [N], clipped at 0
 supply              p, state, supply                                             parameters of the supply
 pressure_target     p, state, command                                            target of the regulator [Pa]
 pressure_reached    p, state, target, pressure, dt                               pressure after the step, before the

@@ -12,6 +12,7 @@ from klute_sim.laws.damper import DamperParameters
 from klute_sim.laws.foot import Foot
 from klute_sim.laws.joint import NO_BRISTLE, Joint
 from klute_sim.laws.pneumatics import SupplyParameters
+from klute_sim.laws.tendon import TendonParameters
 
 
 def check_effect(effect: Any, known_names: set[str]) -> None:
@@ -49,7 +50,7 @@ def _check_law(law: Callable[..., Any], hook: str, form: EffectForm, location: s
         "damper": (p, state, DamperParameters(1e4, 2e4, 5e-4)),
         "damper_force": (p, state, force, velocity),
         "tendon_stretch": (p, state, stretch),
-        "tendon_force": (p, state, force, stretch),
+        "tendon_force": (p, state, force, stretch, TendonParameters(0.1, 6e4, 1.4e5, 4e-3, False)),
         "supply": (p, state, SupplyParameters(5e5, 1e7, 293.15)),
         "pressure_target": (p, state, pressure),
         "pressure_reached": (p, state, pressure, pressure, dt),

@@ -13,6 +13,7 @@ from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.smoothing import smooth_sign, step_slider
 from klute_sim.laws.foot import Foot
 from klute_sim.laws.mckibben import MuscleParameters
+from klute_sim.laws.tendon import TendonParameters
 from klute_sim.units import BAR
 
 PRESSURE_SCALE = 5.0 * BAR
@@ -65,7 +66,7 @@ def sparse_force(
     )
 
 
-def sparse_tendon_force(coefficients: Any, state: Any, force: float, stretch: float) -> float:
+def sparse_tendon_force(coefficients: Any, state: Any, force: float, stretch: float, tendon: TendonParameters) -> float:
     """Return the tension [N] plus a combination of functions of the stretch, 0 for a slack tendon."""
     c = coefficients
     x = min(max(stretch / STRETCH_SCALE, 0.0), MAX_SCALED_INPUT)

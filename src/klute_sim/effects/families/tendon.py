@@ -1,10 +1,12 @@
 """Effects of the tendon: play at its attachment, stiffening and hysteresis."""
 
+import math
 from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.smoothing import FRICTION_FRACTIONS, pull_slider, step_follower, step_slider
 from klute_sim.laws.mckibben import MuscleParameters
+from klute_sim.laws.tendon import TendonParameters
 
 SLIDER_REACH = 5e-5
 """Half the stretch over which the hysteresis changes its sign after a reversal [m].
@@ -18,14 +20,28 @@ def subtract_slack(p: Any, state: Any, stretch: float) -> float:
     return stretch - p.slack
 
 
-def stiffening_force(p: Any, state: Any, force: float, stretch: float) -> float:
+def stiffening_force(p: Any, state: Any, force: float, stretch: float, tendon: TendonParameters) -> float:
     """Return the tension [N] plus ``c x^2`` while taut, with x the stretch beyond slack length."""
     if stretch <= 0.0:
         return force
     return force + p.stiffening * stretch * stretch
 
 
-def slip_force(p: Any, state: Any, force: float, stretch: float) -> float:
+def gradual_engagement_force(p: Any, state: Any, force: float, stretch: float, tendon: TendonParameters) -> float:
+    """Return the tension [N] with a second spring that joins gradually around its engagement stretch x0.
+
+    In place of ``k2 max(0, x - x0)`` it carries ``k2 w (ln(1 + exp((x - x0)/w)) - ln(1 + exp(-x0/w)))``: nothing at
+    slack length, and its slope is k2 from a few transition stretches w beyond x0 on. The tension is a function of the
+    stretch alone, so it is passive.
+    """
+    if stretch <= 0.0 or p.transition <= 0.0:
+        return force
+    offset = math.log1p(math.exp(-tendon.engagement_stretch / p.transition))
+    distance = abs(stretch - tendon.engagement_stretch) / p.transition
+    return force + tendon.stiffness_2 * p.transition * (math.log1p(math.exp(-distance)) - offset)
+
+
+def slip_force(p: Any, state: Any, force: float, stretch: float, tendon: TendonParameters) -> float:
     """Return ``F (1 + h (x - a) / d)`` [N], with the slider a at most d = 0.05 mm behind the stretch x.
 
     Loading takes the work W (1 + h) and unloading returns W (1 - h), so ``h = eta / (2 - eta)`` loses the fraction eta
@@ -49,7 +65,7 @@ def step_slip_slider(
     return (step_slider(state.slider, stretch, SLIDER_REACH, dt),)
 
 
-def maxwell_force(p: Any, state: Any, force: float, stretch: float) -> float:
+def maxwell_force(p: Any, state: Any, force: float, stretch: float, tendon: TendonParameters) -> float:
     """Return the tension [N] plus ``k (x - s)`` while taut, with s the relaxed stretch."""
     if stretch <= 0.0:
         return force
@@ -70,7 +86,7 @@ def step_relaxed_stretch(
     return (step_follower(state.relaxed_stretch, max(0.0, stretch), p.time_constant, dt),)
 
 
-def viscous_force(p: Any, state: Any, force: float, stretch: float) -> float:
+def viscous_force(p: Any, state: Any, force: float, stretch: float, tendon: TendonParameters) -> float:
     """Return the tension [N] plus ``c dx/dt`` while taut: a damper parallel to the springs.
 
     This is the model of Kelvin and Voigt (Fung, Biomechanics, Springer, 1993, chapter 2; quoted from memory). Where the
@@ -102,7 +118,7 @@ def step_stretch_rate(
     return (taut_stretch - state.taut_stretch) / dt, taut_stretch
 
 
-def maxwell_slip_force(p: Any, state: Any, force: float, stretch: float) -> float:
+def maxwell_slip_force(p: Any, state: Any, force: float, stretch: float, tendon: TendonParameters) -> float:
     """Return the tension [N] plus ``k sum (x - a_i)`` while taut, ``k = F_f/(2d)``: three equal springs on sliders.
 
     The springs pull their sliders at stretches of d/3, 2d/3 and d, so beyond a stretch of d they carry the dry
@@ -239,7 +255,7 @@ TENDON_HYSTERESIS = Effect(
 
 TENDON_STIFFENING = Effect(
     name="tendon_stiffening",
-    description="The tendon's springs stiffen with stretch: more tension than their two linear segments.",
+    description="The tendon's springs stiffen with stretch, or the second one joins gradually: no two linear segments.",
     kind="device",
     forms=(
         EffectForm(
@@ -256,6 +272,21 @@ TENDON_STIFFENING = Effect(
                 ),
             ),
             laws={"tendon_force": stiffening_force},
+        ),
+        EffectForm(
+            name="gradual_engagement",
+            equation="F += k2 w (ln(1 + exp(-|x - x0|/w)) - ln(1 + exp(-x0/w))) while taut, spring k2 joins at x0",
+            parameters=(
+                EffectParameter(
+                    key="transition_mm",
+                    neutral=0.0,
+                    lower=0.0,
+                    upper=10.0,
+                    typical=0.5,
+                    source="assumed: the coils or strands of the second spring take up their load one after the other",
+                ),
+            ),
+            laws={"tendon_force": gradual_engagement_force},
         ),
     ),
 )
