@@ -270,6 +270,7 @@ def test_predictions_decide_where_an_adequate_model_may_not_be_named(
     monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
     monkeypatch.setattr(workflow, "select_adequate_model", lambda *_: None)
     monkeypatch.setattr(workflow, "select_by_prediction", lambda *_: (None, None))
+    monkeypatch.setattr(workflow, "compute_explained_rms_ratio", lambda *_: 1.0)
     monkeypatch.setattr(workflow, "find_adequate_model", lambda *_: fit)
     monkeypatch.setattr(workflow, "decide_verdict", lambda result, **_: decision)
     monkeypatch.setattr(workflow, "select_proxies", lambda *arguments: arguments)

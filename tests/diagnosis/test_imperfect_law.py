@@ -10,7 +10,7 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.imperfect_law import compute_explained_noise_fraction, decide_verdict
+from klute_sim.diagnosis.imperfect_law import compute_explained_rms_ratio, decide_verdict
 from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
@@ -60,9 +60,9 @@ def test_share_of_one_says_that_the_noise_is_overestimated(share: float, is_said
 def test_effect_smaller_than_the_noise_is_not_named_where_the_law_is_imperfect(fraction: float, verdict: str) -> None:
     base, chosen = make_model(error=9.0), make_model(TENSION, error=1.0)
     result = PredictiveResult(base, chosen, [], [chosen, base], {TENSION: 1.0}, 0.9, 2.0, "condition", 6)
-    decision = decide_verdict(result, explained_noise_fraction=fraction)
+    decision = decide_verdict(result, explained_rms_ratio=fraction)
     assert decision.verdict == verdict
-    assert ("This is 0.80 times the noise" in decision.reasons[-1]) == (verdict == "unexplained")
+    assert ("an RMS of 0.80 times the noise" in decision.reasons[-1]) == (verdict == "unexplained")
 
 
 def test_explained_misfit_is_that_of_the_channel_with_most() -> None:
@@ -81,7 +81,7 @@ def test_explained_misfit_is_that_of_the_channel_with_most() -> None:
     data = WeightedData(Simulator(1), [], {})
     selection = PredictiveSelection(data, noise, [], lambda _: None)
     rms = np.sqrt(np.mean(readings[0][:2] ** 2))
-    assert compute_explained_noise_fraction(selection, result) == pytest.approx(4.0 * rms / 2.0)
-    assert compute_explained_noise_fraction(PredictiveSelection(data, {}, [], lambda _: None), result) == np.inf
+    assert compute_explained_rms_ratio(selection, result) == pytest.approx(4.0 * rms / 2.0)
+    assert compute_explained_rms_ratio(PredictiveSelection(data, {}, [], lambda _: None), result) == np.inf
     worse = replace(result, base=chosen, chosen=base)
-    assert compute_explained_noise_fraction(selection, worse) < 0.1
+    assert compute_explained_rms_ratio(selection, worse) < 0.1

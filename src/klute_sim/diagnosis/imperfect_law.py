@@ -38,9 +38,9 @@ FOLD_WORDS = {"condition": "condition", "specimen": "specimen", "part": "part of
 MAX_ADEQUATE_MODELS = 3
 """Number of models that are tested for reaching the noise between repeats."""
 
-MIN_EXPLAINED_NOISE_FRACTION = 1.0
-"""Part of the noise of a channel that names must explain (assumed: where no model reaches the noise, the law is off by
-about as much, and any effect that resembles its error explains it)."""
+MIN_EXPLAINED_RMS_RATIO = 1.0
+"""Smallest RMS that names explain in some channel, over the noise between repeats (assumed: where no model reaches the
+noise, the law is off by about as much, and any effect that resembles its error explains it)."""
 
 
 class ImperfectLawDecision(NamedTuple):
@@ -115,8 +115,8 @@ def find_adequate_model(
     return None
 
 
-def compute_explained_noise_fraction(selection: PredictiveSelection, result: PredictiveResult) -> float:
-    """Return what the chosen model explains beyond the base model (RMS) over the noise between repeats.
+def compute_explained_rms_ratio(selection: PredictiveSelection, result: PredictiveResult) -> float:
+    """Return the RMS that the chosen model explains beyond the base model, over the noise between repeats.
 
     The largest of all channels counts; infinite without repeats.
     """
@@ -133,7 +133,7 @@ def compute_explained_noise_fraction(selection: PredictiveSelection, result: Pre
 def decide_verdict(
     result: PredictiveResult,
     *,
-    explained_noise_fraction: float = np.inf,
+    explained_rms_ratio: float = np.inf,
     has_repeats: bool = True,
     has_exact_inputs: bool = True,
     has_one_specimen: bool = True,
@@ -141,7 +141,7 @@ def decide_verdict(
     """Return the verdict on ``result`` and its reasons.
 
     Without repeats an unexplained remainder may be noise, so the data are insufficient where nothing is named.
-    ``explained_noise_fraction`` is that of :func:`compute_explained_noise_fraction`.
+    ``explained_rms_ratio`` is that of :func:`compute_explained_rms_ratio`.
     ``has_exact_inputs`` says whether the rig does what was logged; a replay of gait simplifies limb and foot.
     """
     unexplained: Verdict = "unexplained" if has_repeats else "insufficient-data"
@@ -171,10 +171,10 @@ def decide_verdict(
             f"A share of {100 * result.share:.0f} % is not enough for a name; {100 * MIN_SHARE:.0f} % are required."
         )
         return ImperfectLawDecision(unexplained, reasons)
-    if explained_noise_fraction < MIN_EXPLAINED_NOISE_FRACTION:
+    if explained_rms_ratio < MIN_EXPLAINED_RMS_RATIO:
         reasons.append(
-            f"This is {explained_noise_fraction:.2f} times the noise between repeats (RMS, in the channel with most). "
-            f"An imperfect law may leave as much; {MIN_EXPLAINED_NOISE_FRACTION:g} times are required for a name."
+            f"In the channel that changes most, this is an RMS of {explained_rms_ratio:.2f} times the noise between "
+            f"repeats; {MIN_EXPLAINED_RMS_RATIO:.2f} times are required: the error of the law is about as large."
         )
         return ImperfectLawDecision(unexplained, reasons)
     if result.has_proxies:

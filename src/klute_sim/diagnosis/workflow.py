@@ -45,7 +45,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.imperfect_law import (
-    compute_explained_noise_fraction,
+    compute_explained_rms_ratio,
     compute_jackknife_intervals,
     decide_verdict,
     find_adequate_model,
@@ -315,7 +315,7 @@ def _select_model(
     has_exact_inputs = not any(e.preparation_variants for e in experiments)
     decision = decide_verdict(
         result,
-        explained_noise_fraction=compute_explained_noise_fraction(selection, result),
+        explained_rms_ratio=compute_explained_rms_ratio(selection, result),
         has_repeats=search.has_repeats,
         has_exact_inputs=has_exact_inputs,
         has_one_specimen=not has_several_specimens(experiments),
