@@ -107,6 +107,8 @@ def test_equivalent_models_deny_a_misfit_of_the_test_trials_unless_one_explains_
     diagnosis.prediction = cast(Any, object())  # the law is imperfect: no model reached the noise before
     assert not claims_no_misfit(diagnosis, evaluated)
     diagnosis.prediction = None
+    diagnosis.equivalent_models.append(EquivalentModel(gain, 2.0, reaches_noise=False))
+    assert claims_no_misfit(diagnosis, evaluated)  # a model that leaves a misfit in the fitted trials does not count
     diagnosis.equivalent_models.append(EquivalentModel(gain, 2.0))
     assert not claims_no_misfit(diagnosis, evaluated)
 

@@ -125,6 +125,6 @@ def test_verdict_lists_the_rivals_of_the_main_effect(monkeypatch: pytest.MonkeyP
     assert selected.verdict == "indistinguishable"
     assert [model.fit.hypothesis.terms for model in selected.equivalent_models] == [(THRESHOLD,)]
     assert selected.reasons[-1] == (
-        "threshold_pressure (constant) alone explains nearly as much as thick_wall_bladder alone. An error of the law "
-        "may be as large as the difference, since muscle_damping (viscous) adds little."
+        "What muscle_damping (viscous) adds beside thick_wall_bladder is small and may stand for an error of its law, "
+        "so threshold_pressure (constant) alone is as likely."
     )

@@ -189,6 +189,9 @@ def test_equivalent_models_are_listed_with_their_difference(diagnosis: Diagnosis
         f"; {name} would explain the data equally well; or an effect is missing that is not in the catalogue, and a "
         "data-driven term represents it."
     )
+    near = [model._replace(reaches_noise=False)]
+    sentence = words.describe_verdict(replace(indistinguishable, equivalent_models=near))
+    assert sentence.endswith(f"; {name} would explain nearly as much.")
     row = rows_of(html, "equivalent-models")[1]
     assert row[:2] == [name, "BIC higher by 2.2"]
     assert words.format_number(fit.values[-1]) in row[2]

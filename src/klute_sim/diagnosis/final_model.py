@@ -372,8 +372,8 @@ def _describe_rivals(final_fit: Fit, main_term: EffectTerm | None, rivals: Seque
     names = " or ".join(str(model.fit.hypothesis.terms[-1]) for model in rivals)
     others = [str(term) for term in final_fit.hypothesis.terms if main_term and term.identity != main_term.identity]
     return (
-        f"{names} alone explains nearly as much as {main_term} alone. An error of the law may be as large as the "
-        f"difference, since {' and '.join(others)} {'add' if len(others) > 1 else 'adds'} little."
+        f"What {' and '.join(others)} {'add' if len(others) > 1 else 'adds'} beside {main_term} is small and may stand "
+        f"for an error of its law, so {names} alone is as likely."
     )
 
 

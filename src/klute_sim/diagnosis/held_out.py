@@ -118,14 +118,15 @@ def _select_unseen(diagnosis: Diagnosis, misfits: Mapping[str, Misfit]) -> dict[
 def claims_no_misfit(diagnosis: Diagnosis, evaluated: WeightedData) -> bool:
     """Return whether the verdict of ``diagnosis`` says that its model reaches the noise, and no other model does so.
 
-    `indistinguishable` stays where one of the equivalent models explains the ``evaluated`` trials, or where some of
-    the models did not reach the noise on the fitted trials either.
+    `indistinguishable` stays where one of the equivalent models that reach the noise explains the ``evaluated`` trials,
+    or where the best model did not reach the noise on the fitted trials either.
     """
     if diagnosis.verdict != "indistinguishable":
         return diagnosis.verdict in DEMOTED_VERDICTS
     if diagnosis.prediction is not None or _has_misfit_of_fitted_trials(diagnosis):
         return False
-    return all(_leaves_misfit(diagnosis, evaluated, model.fit) for model in diagnosis.equivalent_models)
+    adequate = [model for model in diagnosis.equivalent_models if model.reaches_noise]
+    return all(_leaves_misfit(diagnosis, evaluated, model.fit) for model in adequate)
 
 
 def _has_misfit_of_fitted_trials(diagnosis: Diagnosis) -> bool:

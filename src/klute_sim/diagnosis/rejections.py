@@ -57,7 +57,7 @@ def list_rejections(diagnosis: Diagnosis) -> list[Rejection]:
     if diagnosis.prediction is not None:
         rejections |= _explain_prediction(diagnosis.prediction)
     for key in equivalent & rejections.keys():
-        reason = "a set of effects that contains it explains the data as well (see alternatives)"
+        reason = "a set of effects that contains it explains the data as well, or nearly so (see alternatives)"
         rejections[key] = Rejection(rejections[key].term, reason)
     return [rejection for key, rejection in rejections.items() if key not in added]
 

@@ -48,9 +48,9 @@ def list_rivals_of_step(
     *,
     needs_numbers_at_limit: bool = True,
 ) -> list[EquivalentModel]:
-    """Return the fits with another last name than ``named_fit`` and a chi squared up to ``max_chi2``, best first.
+    """Return the fits whose last term is another one than that of ``named_fit``, up to ``max_chi2``, best first.
 
-    ``step`` has added the last name. Differences of BIC are those from ``final_fit``. ``needs_numbers_at_limit`` is
+    ``step`` has added the last term. Differences of BIC are those from ``final_fit``. ``needs_numbers_at_limit`` is
     that of :func:`~klute_sim.diagnosis.selection.naming.find_naming_obstacle`.
     """
     n, name = search.data.n_effective, named_fit.hypothesis.terms[-1]
@@ -66,5 +66,5 @@ def list_rivals_of_step(
             continue
         gains = search.compute_validation_gains(step.initial_fit, rival)
         if not search.rejection_reason(step.initial_fit, rival, gains):
-            rivals[identity] = EquivalentModel(rival, rival.bic(n) - final_fit.bic(n))
+            rivals[identity] = EquivalentModel(rival, rival.bic(n) - final_fit.bic(n), reaches_noise=False)
     return sorted(rivals.values(), key=lambda rival: rival.difference)

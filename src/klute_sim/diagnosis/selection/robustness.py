@@ -42,6 +42,8 @@ class EquivalentModel(NamedTuple):
     criterion: Literal["BIC", "prediction error"] = "BIC"
     """What is compared: BIC, or the squared error of prediction, whose difference is relative to that of the best
     fit."""
+    reaches_noise: bool = True
+    """Whether it explains the data as well as the best fit; otherwise nearly as much."""
 
 
 def select_final_fit(

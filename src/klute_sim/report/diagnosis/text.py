@@ -174,12 +174,15 @@ def _describe_alternatives(diagnosis: Diagnosis) -> str:
     """Return the clauses about other names and about a data-driven term in place of the names."""
     sets = [diagnosis.list_added_terms(model.fit) for model in diagnosis.equivalent_models]
     is_free = [any(term.effect_definition.data_driven for term in terms) for terms in sets]
-    names = dict.fromkeys(
-        join_words([format_term(t) for t in terms]) for terms, free in zip(sets, is_free, strict=True) if not free
-    )
+    names: dict[bool, dict[str, None]] = {True: {}, False: {}}
+    for model, terms, free in zip(diagnosis.equivalent_models, sets, is_free, strict=True):
+        if not free:
+            names[model.reaches_noise][join_words([format_term(t) for t in terms])] = None
     by_prediction = any(model.criterion == "prediction error" for model in diagnosis.equivalent_models)
     claim = "predict as well" if by_prediction else "explain the data equally well"
-    clauses = f"; {join_words(list(names), 'or')} would {claim}" if names else ""
+    clauses = f"; {join_words(list(names[True]), 'or')} would {claim}" if names[True] else ""
+    if names[False]:
+        clauses += f"; {join_words(list(names[False]), 'or')} would explain nearly as much"
     if any(is_free):
         clauses += "; or an effect is missing that is not in the catalogue, and a data-driven term represents it"
     return clauses
