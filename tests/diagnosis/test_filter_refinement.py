@@ -149,7 +149,7 @@ def test_inputs_that_were_averaged_alike_leave_no_filter(tmp_path: Path, simulat
     assert all(e.filters == {} for e in after.experiments)
     (sentence,) = describe_low_pass_filters(after.experiments, {"force": window})
     assert "'force' (moving average of 40 samples)" in sentence
-    assert "agree better with a simulation that is not filtered" in sentence
+    assert "agree better with an unfiltered simulation" in sentence
 
 
 def test_filter_without_delay_keeps_none(tmp_path: Path, simulator: Simulator) -> None:

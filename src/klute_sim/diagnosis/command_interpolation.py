@@ -224,7 +224,7 @@ def select_command_interpolation(
     if not difference > min_difference:
         return linear, []
     more_names = " and more names" if difference < 0.0 else ""
-    return hold, [f"{ZERO_ORDER_HOLD_REMARK}, and with it{more_names} BIC changes by {difference:+.0f}."]
+    return hold, [f"{ZERO_ORDER_HOLD_REMARK}; with linear interpolation{more_names}, BIC changes by {difference:+.0f}."]
 
 
 def reconsider_linear_interpolation(

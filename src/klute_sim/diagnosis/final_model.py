@@ -136,7 +136,7 @@ def select_decisive_term(
     named_fit = decisive.named_fit
     share = (base_fit.chi2 - named_fit.chi2) / (base_fit.chi2 - term_fit.chi2)
     reason += (
-        f". {_list_names(base_fit, named_fit)} explains {100.0 * share:.0f} % of what the term explains, from "
+        f". {_list_names(base_fit, named_fit)} would explain {100.0 * share:.0f} % of what the term explains, from "
         "elsewhere: either this is missing in another form, or the missing effect is not in the catalogue and "
         "resembles it."
     )

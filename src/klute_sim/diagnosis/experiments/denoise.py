@@ -3,9 +3,10 @@
 Dry friction is history-dependent: noise on the prescribed length adds reversals and erodes the hysteresis loop, so
 inputs are denoised. Input noise biases the output; it does not average out. A hold becomes a constant.
 
-Each sample becomes the mean of the widest window that the data allow, by the rule of intersecting confidence intervals
-(Goldenshluger and Nemirovski, Math. Methods Statist. 6:135, 1997): windows grow while their mean agrees with the means
-of all narrower windows. In a hold or a steady ramp the window is wide; at a corner the sample stays as it is.
+Each sample becomes the value there of a parabola, fitted to the widest window that the data allow by the rule of
+intersecting confidence intervals (Goldenshluger and Nemirovski, Math. Methods Statist. 6:135, 1997): windows grow while
+their value agrees with those of all narrower windows. In a hold or a steady ramp the window is wide; at a corner the
+sample stays as it is.
 """
 
 from collections.abc import Sequence
@@ -30,9 +31,9 @@ MAX_HOLD_VARIATION = 1.2
 MAX_END_DEVIATION = 2.0
 """Largest deviation of the mean at an end of a hold from that of the hold, in its standard errors (assumed)."""
 CONFIDENCE_SIGMAS = 0.5
-"""Half width of the confidence interval of a window's mean, in standard errors (assumed). All repeats share the error
-of a window that is too wide, while noise averages out: with 2, inputs of 200 Hz cause a misfit of 0.15 times the noise
-of a load cell in clean data, with 0.5 one of 0.05."""
+"""Half width of the confidence interval of the value of a window, in standard errors (assumed). All repeats share the
+error of a window that is too wide, while noise averages out: with 2, inputs of 200 Hz cause a misfit of 0.15 times the
+noise of a load cell in clean data, with 0.5 one of 0.05."""
 MAX_CHANGE_SIGMAS = 2.0
 """Largest change of a sample, in standard deviations of its noise."""
 MAX_UNEVEN_CHANGE_SIGMAS = 5.0
@@ -94,17 +95,17 @@ def denoise(time: Array, value: Array) -> Array:
 
 
 def _smooth(value: Array, deviation: float, windows: Sequence[int]) -> Array:
-    """Return ``value`` (n,), evenly sampled with noise of ``deviation``, as means of the widest of ``windows``."""
+    """Return ``value`` (n,), evenly sampled with noise of ``deviation``, smoothed by the widest of ``windows``."""
     denoised = value
     min_value, max_value = value - MAX_CHANGE_SIGMAS * deviation, value + MAX_CHANGE_SIGMAS * deviation
     lower, upper = min_value, max_value
     agrees = np.ones(len(value), dtype=bool)
     for window in windows:
-        mean = savgol_filter(value, window, 2, mode="interp")
+        fitted = savgol_filter(value, window, 2, mode="interp")
         half_width = CONFIDENCE_SIGMAS * deviation * np.sqrt(_smoothing_variance_ratio(window))
-        lower, upper = np.maximum(lower, mean - half_width), np.minimum(upper, mean + half_width)
+        lower, upper = np.maximum(lower, fitted - half_width), np.minimum(upper, fitted + half_width)
         agrees &= lower <= upper
-        denoised = np.where(agrees, mean, denoised)
+        denoised = np.where(agrees, fitted, denoised)
     denoised = np.clip(denoised, min_value, max_value)
     return _flatten_holds(value, denoised, deviation) if len(value) >= 2 * HOLD_WINDOW else denoised
 

@@ -130,13 +130,13 @@ def describe_low_pass_filters(experiments: Sequence[Experiment], detected: Filte
     filters = dict(item for e in experiments for item in e.filters.items())
     sentences = []
     if filters:
-        start = "The noise shows that these channels were low-pass filtered, so the simulation is filtered alike"
+        start = "The noise shows that these channels were low-pass filtered, so the simulated ones are, too"
         sentences.append(f"{start}: {_list_filters(filters)}. {_describe_delay(filters)}")
     unused = {channel: each for channel, each in detected.items() if channel not in filters}
     if unused:
         sentences.append(
             f"The noise shows that these channels were low-pass filtered: {_list_filters(unused)}. They agree better "
-            "with a simulation that is not filtered, as where the inputs went through the same filter."
+            "with an unfiltered simulation, as they do if the inputs went through the same filter."
         )
     return sentences
 
