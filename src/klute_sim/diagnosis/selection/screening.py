@@ -2,7 +2,7 @@
 
 The sensitivity to a small effect is projected onto the complement of the sensitivities to all fitted parameters, and
 the remainder is compared with the residual. So an effect that the uncertain numbers of the device can imitate counts
-only by the part that they cannot.
+only by the part that they cannot. A parameter that its bound keeps from going further imitates nothing.
 """
 
 import math
@@ -76,7 +76,7 @@ def screen_candidates(
     their priors, the missing effect may be the reason, so effects are also probed at the priors.
     """
     n_known, n_device = len(current.x), current.hypothesis.n_prior_parameters
-    current_point = _LinearizationPoint(current.x, current.weighted_residuals, current.jacobian)
+    current_point = _LinearizationPoint(current.x, current.weighted_residuals, _fix_blocked_parameters(current))
     sizes = (PROBE_FRACTION, *SUPPLY_PROBES) if is_supply_only(data.experiments) else (PROBE_FRACTION,)
     probes = [
         (term, size, np.zeros(n_known))
@@ -88,7 +88,7 @@ def screen_candidates(
     for candidate in candidates:
         if candidate.orthogonal_fraction < REPROBE_ORTHOGONAL_FRACTION and candidate.term.channel is None:
             size = math.copysign(1.0, candidate.size)
-            shift = -size * _solve_least_squares(current.jacobian, candidate.sensitivity)
+            shift = -size * _solve_least_squares(current_point.jacobian, candidate.sensitivity)
             full_size_probes.append((candidate.term, size, shift))
     more_probes = [*full_size_probes, *_list_small_probes(candidates, current_point)]
     if more_probes:
@@ -132,7 +132,17 @@ class _LinearizationPoint(NamedTuple):
     residual: Array
     """Weighted residuals."""
     jacobian: Array
-    """Derivative of the residuals by the parameters."""
+    """Derivative of the residuals by the parameters; 0 for parameters that do not change."""
+
+
+def _fix_blocked_parameters(fit: Fit) -> Array:
+    """Return the Jacobian of ``fit``, with 0 for each parameter at a bound beyond which chi squared falls."""
+    jacobian, gradient = fit.jacobian.copy(), fit.jacobian.T @ fit.weighted_residuals
+    for index, bound in fit.find_bounds_reached().items():
+        is_lower = bound == fit.hypothesis.bounds()[0][index]
+        if gradient[index] > 0.0 if is_lower else gradient[index] < 0.0:
+            jacobian[:, index] = 0.0
+    return jacobian
 
 
 def _evaluate_probes(
@@ -144,7 +154,7 @@ def _evaluate_probes(
 ) -> list[Candidate]:
     """Return the candidates of ``probes`` (term, normalized size, shift of the known parameters)."""
     n_known, experiments = len(point.x), data.experiments
-    basis, _ = np.linalg.qr(point.jacobian)
+    basis, _ = np.linalg.qr(point.jacobian[:, np.any(point.jacobian, axis=0)])
     hypotheses = [base_hypothesis.with_term(term) for term, _, _ in probes]
     points = [
         _probe_parameters(h, point.x, size, shift) for h, (_, size, shift) in zip(hypotheses, probes, strict=True)
