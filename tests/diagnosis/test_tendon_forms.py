@@ -1,4 +1,4 @@
-"""Which loss of a tendon is named: friction in proportion to the tension, layers that slide, or a damper.
+"""Which form of a tendon is named: friction in proportion to the tension, layers that slide, a damper, gradual springs.
 
 The data are those of closed formulas, not of the package. About one stretch, at one speed and amplitude, all lose the
 same; presses of several amplitudes and speeds tell them apart.
@@ -27,6 +27,8 @@ PRESSES = ((3.0, 5.0), (6.0, 5.0), (9.0, 5.0), (9.0, 40.0), (3.0, 40.0), (6.0, 1
 """Strokes [mm] and speeds [mm/s] of presses from 1.5 mm of stretch."""
 FRICTION, PRESLIDING = 60.0, 3.0
 """Dry friction [N] of the layers, and the stretch [mm] after which all slide."""
+ENGAGEMENT, TRANSITION = 5.0, 0.8
+"""Stretch [mm] about which a second spring joins, and the scale [mm] of its distribution."""
 LOSS_FRACTION, DAMPING = 0.2, 1.5
 """Lost fraction of the loading work of ``slip``, and damping [N s/mm] of ``viscous``."""
 DEVICE = f"""
@@ -35,7 +37,6 @@ name = "tendon on a press"
 slack_length_mm = {SLACK_LENGTH}
 stiffness_1_n_per_mm = {STIFFNESS}
 stiffness_2_n_per_mm = {STIFFNESS}
-engagement_mm = 40.0
 """
 
 
@@ -80,10 +81,21 @@ def add_damper(stretch: Array) -> Array:
     return STIFFNESS * stretch + DAMPING * np.gradient(stretch, INTERVAL)
 
 
-def diagnose_presses(folder: Path, law: Callable[[Array], Array]) -> Diagnosis:
+def join_gradually(stretch: Array) -> Array:
+    """Return the force [N] of two springs; of the strands of the second one, each pulls from another stretch on.
+
+    Those stretches have a logistic distribution about the engagement.
+    """
+    strands = np.linspace(0.0005, 0.9995, 1000)
+    starts = ENGAGEMENT + TRANSITION * np.log(strands / (1.0 - strands))
+    taut = np.maximum(stretch[:, np.newaxis] - starts, 0.0) - np.maximum(-starts, 0.0)
+    return STIFFNESS * (stretch + taut.mean(axis=1))
+
+
+def diagnose_presses(folder: Path, law: Callable[[Array], Array], engagement: float = 40.0) -> Diagnosis:
     rng = np.random.default_rng(5)
     folder.mkdir()
-    (folder / "tendon.toml").write_text(DEVICE, "utf-8")
+    (folder / "tendon.toml").write_text(f"{DEVICE}engagement_mm = {engagement}\n", "utf-8")
     lines = ['format = "klute-sim-dataset/2"', 'rig = "bench"', 'device = "tendon.toml"']
     for index, (stroke, speed) in enumerate(PRESSES):
         stretch = make_press(stroke, speed)
@@ -119,3 +131,12 @@ def test_loss_of_a_tendon_is_named_in_its_form(
     found = result.fitted_device.spec.effects["tendon_hysteresis"]
     for key, value in parameters.items():
         assert found[key] == pytest.approx(value, rel=0.05)
+
+
+def test_second_spring_that_joins_gradually_is_named(tmp_path: Path) -> None:
+    result = diagnose_presses(tmp_path / "data", join_gradually, ENGAGEMENT)
+    assert result.verdict == "identified"
+    assert [(t.effect, t.form) for t in result.added_terms] == [("tendon_stiffening", "gradual_engagement")]
+    assert result.fitted_device is not None
+    found = result.fitted_device.spec.effects["tendon_stiffening"]
+    assert found["transition_mm"] == pytest.approx(TRANSITION, rel=0.05)
