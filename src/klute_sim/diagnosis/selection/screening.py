@@ -2,11 +2,13 @@
 
 The sensitivity to a small effect is projected onto the complement of the sensitivities to all fitted parameters, and
 the remainder is compared with the residual. So an effect that the uncertain numbers of the device can imitate counts
-only by the part that they cannot. A parameter that its bound keeps from going further imitates nothing.
+only by the part that they cannot. A parameter at its bound imitates nothing by going beyond it.
 """
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +17,7 @@ from klute_sim.diagnosis.data_quality import is_supply_only
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, linearize
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 
 PROBE_FRACTION = 0.3
 """Fraction of its typical size at which an effect is probed."""
@@ -76,7 +78,8 @@ def screen_candidates(
     their priors, the missing effect may be the reason, so effects are also probed at the priors.
     """
     n_known, n_device = len(current.x), current.hypothesis.n_prior_parameters
-    current_point = _LinearizationPoint(current.x, current.weighted_residuals, _fix_blocked_parameters(current))
+    blocked = find_blocked_directions(current)
+    current_point = _LinearizationPoint(current.x, current.weighted_residuals, current.jacobian, blocked)
     sizes = (PROBE_FRACTION, *SUPPLY_PROBES) if is_supply_only(data.experiments) else (PROBE_FRACTION,)
     probes = [
         (term, size, np.zeros(n_known))
@@ -88,14 +91,15 @@ def screen_candidates(
     for candidate in candidates:
         if candidate.orthogonal_fraction < REPROBE_ORTHOGONAL_FRACTION and candidate.term.channel is None:
             size = math.copysign(1.0, candidate.size)
-            shift = -size * _solve_least_squares(current_point.jacobian, candidate.sensitivity)
+            shift = -size * _solve_least_squares(current.jacobian, candidate.sensitivity)
+            shift[blocked * shift > 0.0] = 0.0
             full_size_probes.append((candidate.term, size, shift))
     more_probes = [*full_size_probes, *_list_small_probes(candidates, current_point)]
     if more_probes:
         candidates += _evaluate_probes(data, current.hypothesis, current_point, more_probes)
     if np.abs(current.x[:n_device]).max(initial=0.0) > PRIOR_DEVIATION_SIGMAS:
         prior = np.concatenate([np.zeros(n_device), current.x[n_device:]])
-        prior_point = _LinearizationPoint(prior, *linearize(data, current.hypothesis, prior))
+        prior_point = _LinearizationPoint(prior, *linearize(data, current.hypothesis, prior), np.zeros(n_known))
         # Far from the fit, linearisation overestimates gains, so the fraction explained there scales the gain here.
         nuisance = -_solve_least_squares(prior_point.jacobian, prior_point.residual)
         remainder = prior_point.residual + prior_point.jacobian @ nuisance
@@ -124,7 +128,8 @@ def select_shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
     return [c for c in candidates if c.term in shortlist or c in numbers]
 
 
-class _LinearizationPoint(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _LinearizationPoint:
     """Point at which the residuals are linearised."""
 
     x: Array
@@ -132,17 +137,71 @@ class _LinearizationPoint(NamedTuple):
     residual: Array
     """Weighted residuals."""
     jacobian: Array
-    """Derivative of the residuals by the parameters; 0 for parameters that do not change."""
+    """Derivative of the residuals by the parameters."""
+    blocked: Array
+    """Direction in which a bound blocks each parameter: 1 upwards, -1 downwards, 0 for one that is free."""
+    bases: dict[bytes, Array] = field(default_factory=dict)
+    """Which parameters change -> orthonormal basis of their derivatives."""
+
+    @cached_property
+    def remaining_chi2(self) -> float:
+        """Chi squared after a step of the parameters alone."""
+        return self.project(np.zeros(len(self.residual)), 0.0, 0.0).remaining_chi2
+
+    def project(self, sensitivity: Array, lower: float, upper: float) -> "_Projection":
+        """Return what an effect with this ``sensitivity`` and a size within ``lower`` and ``upper`` explains.
+
+        The parameters change with it (Gauss-Newton step), except those that would leave their bounds: these are held
+        one after the other, as in the method of active sets (Nocedal & Wright 2006, Numerical Optimization, 16.5).
+        """
+        free = np.ones(len(self.x), dtype=bool)
+        while True:
+            basis = self._find_basis(free)
+            orthogonal = sensitivity - basis @ (basis.T @ sensitivity)
+            squared_norm = float(orthogonal @ orthogonal)
+            size = -float(orthogonal @ self.residual) / squared_norm if squared_norm > 0.0 else 0.0
+            size = min(max(size, lower), upper)
+            shift = np.zeros(len(self.x))
+            shift[free] = -_solve_least_squares(self.jacobian[:, free], self.residual + size * sensitivity)
+            leaving = free & (self.blocked * shift > 0.0)
+            if not leaving.any():
+                break
+            free &= ~leaving
+        after = self.residual + size * sensitivity + self.jacobian @ shift
+        return _Projection(size, float(after @ after), orthogonal, shift)
+
+    def _find_basis(self, free: Mask) -> Array:
+        key = free.tobytes()
+        if key not in self.bases:
+            self.bases[key] = np.linalg.qr(self.jacobian[:, free])[0]
+        return self.bases[key]
 
 
-def _fix_blocked_parameters(fit: Fit) -> Array:
-    """Return the Jacobian of ``fit``, with 0 for each parameter at a bound beyond which chi squared falls."""
-    jacobian, gradient = fit.jacobian.copy(), fit.jacobian.T @ fit.weighted_residuals
+class _Projection(NamedTuple):
+    """Effect beside the parameters that change with it."""
+
+    size: float
+    """Size of the effect, normalized."""
+    remaining_chi2: float
+    """Chi squared with it."""
+    orthogonal: Array
+    """Part of the sensitivity that is orthogonal to those of the parameters."""
+    nuisance_shift: Array
+    """Change of the parameters."""
+
+
+def find_blocked_directions(fit: Fit) -> Array:
+    """Return the direction in which a bound blocks each parameter of ``fit``: 1 upwards, -1 downwards, 0 in none.
+
+    A parameter is blocked at a bound beyond which chi squared falls.
+    """
+    blocked, gradient = np.zeros(len(fit.x)), fit.jacobian.T @ fit.weighted_residuals
+    lower = fit.hypothesis.bounds()[0]
     for index, bound in fit.find_bounds_reached().items():
-        is_lower = bound == fit.hypothesis.bounds()[0][index]
-        if gradient[index] > 0.0 if is_lower else gradient[index] < 0.0:
-            jacobian[:, index] = 0.0
-    return jacobian
+        outwards = -1.0 if bound == lower[index] else 1.0
+        if outwards * gradient[index] < 0.0:
+            blocked[index] = outwards
+    return blocked
 
 
 def _evaluate_probes(
@@ -154,7 +213,6 @@ def _evaluate_probes(
 ) -> list[Candidate]:
     """Return the candidates of ``probes`` (term, normalized size, shift of the known parameters)."""
     n_known, experiments = len(point.x), data.experiments
-    basis, _ = np.linalg.qr(point.jacobian[:, np.any(point.jacobian, axis=0)])
     hypotheses = [base_hypothesis.with_term(term) for term, _, _ in probes]
     points = [
         _probe_parameters(h, point.x, size, shift) for h, (_, size, shift) in zip(hypotheses, probes, strict=True)
@@ -172,18 +230,16 @@ def _evaluate_probes(
         # The linear part of the shift's influence is subtracted; the projection would remove it anyway.
         change = np.concatenate([data.weight_residuals(changes), shift[: hypothesis.n_prior_parameters]])
         sensitivity = (change - point.jacobian @ shift) / probe_size
-        orthogonal = sensitivity - basis @ (basis.T @ sensitivity)
+        lower, upper = hypothesis.bounds()
+        size, remaining_chi2, orthogonal, nuisance_shift = point.project(
+            sensitivity, float(lower[n_known]), float(upper[n_known])
+        )
+        gain = point.remaining_chi2 - remaining_chi2
         norm, full_norm = float(np.linalg.norm(orthogonal)), float(np.linalg.norm(sensitivity))
         if not (np.isfinite(norm) and norm > MIN_ORTHOGONAL_FRACTION * max(full_norm, 1.0)):
             continue
-        direction = orthogonal / norm
-        projection = -float(direction @ point.residual)
-        lower, upper = hypothesis.bounds()
-        size = min(max(projection / norm, lower[n_known]), upper[n_known])
-        gain = 2.0 * size * norm * projection - (size * norm) ** 2
-        nuisance_shift = -_solve_least_squares(point.jacobian, point.residual + size * sensitivity)
         candidates.append(
-            Candidate(term, gain, size, sensitivity, direction, norm / full_norm, point.x, nuisance_shift)
+            Candidate(term, gain, size, sensitivity, orthogonal / norm, norm / full_norm, point.x, nuisance_shift)
         )
     return candidates
 
