@@ -110,8 +110,7 @@ WRONG_SIZES = {
     "effects/families/tendon.py": (
         ("p.loss_fraction / (2.0 - p.loss_fraction)", 0.5),
         ("p.stiffening * stretch", 2.0),
-        ("p.transition * (math.log1p", 0.5),
-        ("engagement_stretch / p.transition", 0.5),
+        ("tendon.stiffness_2 * p.transition", 0.5),
         ("p.slack", 2.0),
         ("p.stiffness * (stretch - state.relaxed_stretch)", 2.0),
         ("p.damping * state.stretch_rate", 2.0),
