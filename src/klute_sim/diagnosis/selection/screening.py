@@ -151,8 +151,9 @@ class _LinearizationPoint:
     def project(self, sensitivity: Array, lower: float, upper: float) -> "_Projection":
         """Return what an effect with this ``sensitivity`` and a size within ``lower`` and ``upper`` explains.
 
-        The parameters change with it (Gauss-Newton step), except those that would leave their bounds: these are held
-        one after the other, as in the method of active sets (Nocedal & Wright 2006, Numerical Optimization, 16.5).
+        The parameters change with it (Gauss-Newton step), except those that would leave their bounds: these are held,
+        and none is released again, unlike in an active-set method (Nocedal & Wright 2006, Numerical Optimization,
+        section 16.5; quoted from memory).
         """
         free = np.ones(len(self.x), dtype=bool)
         while True:
