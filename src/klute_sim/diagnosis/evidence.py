@@ -43,8 +43,8 @@ def collect_evidence(diagnosis: Diagnosis) -> dict[EffectTerm, NameEvidence]:
         errors = [(_list_identities(fit), fit.bic(n) - best_bic) for fit in _iter_fits(diagnosis)]
     evidence = {}
     for term in terms:
-        lags = [lag for identities, lag in errors if term.identity not in identities]
-        margin = min([gain, *lags]) / gain if gain > 0.0 else 0.0
+        excesses = [excess for identities, excess in errors if term.identity not in identities]
+        margin = min([gain, *excesses]) / gain if gain > 0.0 else 0.0
         evidence[term] = NameEvidence(explained, min(1.0, max(0.0, margin)))
     return evidence
 

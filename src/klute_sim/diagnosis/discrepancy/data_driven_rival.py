@@ -24,7 +24,7 @@ from klute_sim.diagnosis.selection.main_effect import list_rivals_of_step
 from klute_sim.diagnosis.selection.naming import find_implausible_number, find_naming_obstacle, list_kinds
 from klute_sim.diagnosis.selection.pair_screening import has_adequate_pair
 from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
-from klute_sim.diagnosis.selection.robustness import MAX_GAIN_LAG_FRACTION, EquivalentModel
+from klute_sim.diagnosis.selection.robustness import MAX_EXCESS_FRACTION, EquivalentModel
 
 DECISIVE_MARGIN = 3.0
 """Margin of a data-driven term over names, in thresholds of BIC, from which no search for other names is worth its time
@@ -228,5 +228,5 @@ def find_decisive_term(
     named_fit = refine_names(search.data, named_fit)
     if base_fit.chi2 - named_fit.chi2 < MIN_NAMED_SHARE * gain or find_naming_obstacle(search.data, named_fit):
         return DecisiveTerm(adequate, None, [])
-    max_chi2 = named_fit.chi2 + MAX_GAIN_LAG_FRACTION * (base_fit.chi2 - named_fit.chi2)
+    max_chi2 = named_fit.chi2 + MAX_EXCESS_FRACTION * (base_fit.chi2 - named_fit.chi2)
     return DecisiveTerm(adequate, named_fit, list_rivals_of_step(search, last_step, named_fit, max_chi2, named_fit))

@@ -27,7 +27,7 @@ from klute_sim.diagnosis.noise.spectrum import (
     MIN_POWER_FRACTION,
     Spectrum,
     average_power,
-    compute_misfit,
+    compute_negative_log_likelihood,
     compute_spectrum,
     compute_stop_ratio,
 )
@@ -66,8 +66,8 @@ MAX_CUTOFF_NYQUIST_FRACTION = 0.5
 
 class _Candidate(NamedTuple):
     filters: Filters
-    misfit: float
-    """Negative logarithm of the likelihood of the noise of the filtered channels."""
+    negative_log_likelihood: float
+    """That of the noise of the filtered channels."""
     has_delay: bool
 
 
@@ -196,7 +196,7 @@ def detect_low_pass_filters(
         if steep is None or not _has_shape(found, steep.cutoff):
             continue
         passed = [_cut_spectrum(s) for s in found]
-        if _compute_misfit(passed, steep) <= _compute_misfit(passed, best) + MAX_SHAPE_LOSS:
+        if _evaluate_filter(passed, steep) <= _evaluate_filter(passed, best) + MAX_SHAPE_LOSS:
             filtered.append(channel)
     if not filtered:
         return []
@@ -205,10 +205,14 @@ def detect_low_pass_filters(
         for shape in _list_shapes(sampling_rates[filtered[0]])
         if _is_steep(shape)
     ]
-    candidates.sort(key=lambda candidate: candidate.misfit)
+    candidates.sort(key=lambda candidate: candidate.negative_log_likelihood)
     zero_lag, delaying = ([each for each in candidates if each.has_delay == has_delay] for has_delay in (False, True))
-    permitted = [each for each in delaying if each.misfit <= delaying[0].misfit + MAX_SHAPE_LOSS]
-    is_late = delaying[0].misfit < zero_lag[0].misfit - MIN_KIND_GAIN
+    permitted = [
+        each
+        for each in delaying
+        if each.negative_log_likelihood <= delaying[0].negative_log_likelihood + MAX_SHAPE_LOSS
+    ]
+    is_late = delaying[0].negative_log_likelihood < zero_lag[0].negative_log_likelihood - MIN_KIND_GAIN
     ordered = [*permitted, zero_lag[0]] if is_late else [zero_lag[0], *permitted]
     return [candidate.filters for candidate in ordered]
 
@@ -253,15 +257,15 @@ def _fit_shape(
     start = replace(shape, cutoff=float(np.exp(np.mean([np.log(each.cutoff) for each in filters.values()]))))
     common = _fit_cutoff([s for channel in filtered for s in spectra[channel]], start)
     losses = {
-        channel: _compute_misfit(own, common) - _compute_misfit(own, filters.get(channel, likeliest[channel]))
+        channel: _evaluate_filter(own, common) - _evaluate_filter(own, filters.get(channel, likeliest[channel]))
         for channel, own in spectra.items()
     }
     is_shared = all(losses[channel] <= MAX_COMMON_LOSS for channel in filtered)
     for channel, loss in losses.items():
         if loss <= MAX_COMMON_LOSS and (is_shared or channel not in filters):
             filters[channel] = replace(common, sampling_rate=rates[channel])
-    misfit = sum(_compute_misfit(spectra[channel], filters[channel]) for channel in filtered)
-    return _Candidate(filters, misfit, shape.has_delay)
+    total = sum(_evaluate_filter(spectra[channel], filters[channel]) for channel in filtered)
+    return _Candidate(filters, total, shape.has_delay)
 
 
 def _find_likeliest(spectra: Sequence[Spectrum], shapes: Sequence[LowPassFilter]) -> LowPassFilter | None:
@@ -274,18 +278,18 @@ def _find_likeliest(spectra: Sequence[Spectrum], shapes: Sequence[LowPassFilter]
     coarse = [
         min(
             (replace(shape, cutoff=float(cutoff)) for cutoff in np.geomspace(lowest, nyquist, N_CUTOFFS)[:-1]),
-            key=lambda tried: _compute_misfit(passed, tried),
+            key=lambda tried: _evaluate_filter(passed, tried),
         )
         for shape in shapes
     ]
-    best = min((_fit_cutoff(passed, each) for each in coarse), key=lambda tried: _compute_misfit(passed, tried))
+    best = min((_fit_cutoff(passed, each) for each in coarse), key=lambda tried: _evaluate_filter(passed, tried))
     return best if best.cutoff < MAX_CUTOFF_NYQUIST_FRACTION * nyquist else None
 
 
 def _fit_cutoff(spectra: Sequence[Spectrum], start: LowPassFilter) -> LowPassFilter:
     """Return the most likely filter of the shape and near the cut-off frequency of ``start``."""
     tried = [replace(start, cutoff=start.cutoff * float(factor)) for factor in CUTOFF_FACTORS]
-    return min(tried, key=lambda each: _compute_misfit(spectra, each))
+    return min(tried, key=lambda each: _evaluate_filter(spectra, each))
 
 
 def _cut_spectrum(spectrum: Spectrum) -> Spectrum:
@@ -297,9 +301,11 @@ def _cut_spectrum(spectrum: Spectrum) -> Spectrum:
     return Spectrum(*(values[:end] for values in spectrum))
 
 
-def _compute_misfit(spectra: Sequence[Spectrum], tried: LowPassFilter) -> float:
+def _evaluate_filter(spectra: Sequence[Spectrum], tried: LowPassFilter) -> float:
     """Return the negative logarithm of the likelihood of noise through the filter."""
-    return compute_misfit(spectra, lambda f: tried.compute_gain(f) ** 2, tried.cutoff * np.array(POLE_FACTORS))
+    return compute_negative_log_likelihood(
+        spectra, lambda f: tried.compute_gain(f) ** 2, tried.cutoff * np.array(POLE_FACTORS)
+    )
 
 
 def _has_shape(spectra: Sequence[Spectrum], cutoff: float) -> bool:

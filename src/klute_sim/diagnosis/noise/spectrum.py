@@ -53,7 +53,9 @@ def compute_spectrum(time: Array, difference: Array, *, is_banded: bool = True) 
     return Spectrum(mean_frequency, mean_power, n_averaged.astype(np.float64))
 
 
-def compute_misfit(spectra: Sequence[Spectrum], compute_power: Callable[[Array], Array], poles: Array) -> float:
+def compute_negative_log_likelihood(
+    spectra: Sequence[Spectrum], compute_power: Callable[[Array], Array], poles: Array
+) -> float:
     """Return the negative logarithm of the likelihood (Whittle, 1953) of noise through a filter, and a floor.
 
     ``compute_power`` returns the squared gain of the filter at frequencies [Hz]. The noise before it is white up to one

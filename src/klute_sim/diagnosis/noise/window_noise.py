@@ -9,7 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from klute_sim.diagnosis.experiments.window_filter import WindowFilter
-from klute_sim.diagnosis.noise.spectrum import Spectrum, compute_misfit, compute_spectrum, compute_stop_ratio
+from klute_sim.diagnosis.noise.spectrum import (
+    Spectrum,
+    compute_negative_log_likelihood,
+    compute_spectrum,
+    compute_stop_ratio,
+)
 from klute_sim.types import Array
 
 MIN_WINDOW, MAX_WINDOW = 4, 151
@@ -53,13 +58,13 @@ def find_window(differences: Sequence[tuple[Array, Array]], sampling_rate: float
         windows += [WindowFilter(n, sampling_rate, degree) for n in range(2 * degree + 1, longest + 1, 2)]
     if not windows:
         return None
-    windows.sort(key=lambda window: _compute_misfit(spectra, window, POLE_FACTORS[:1]))
-    misfits = {window: _compute_misfit(spectra, window, POLE_FACTORS) for window in windows[:N_REFINED]}
-    best = min(misfits, key=lambda window: misfits[window])
-    return best if misfits[best] < sum(map(_compute_smooth_misfit, spectra)) - MIN_WINDOW_GAIN else None
+    windows.sort(key=lambda window: _evaluate_window(spectra, window, POLE_FACTORS[:1]))
+    values = {window: _evaluate_window(spectra, window, POLE_FACTORS) for window in windows[:N_REFINED]}
+    best = min(values, key=lambda window: values[window])
+    return best if values[best] < sum(map(_evaluate_smooth_spectrum, spectra)) - MIN_WINDOW_GAIN else None
 
 
-def _compute_misfit(spectra: Sequence[Spectrum], tried: WindowFilter, pole_factors: Array) -> float:
+def _evaluate_window(spectra: Sequence[Spectrum], tried: WindowFilter, pole_factors: Array) -> float:
     """Return the negative logarithm of the likelihood of noise through the filter."""
 
     def compute_power(frequency: Array) -> Array:
@@ -68,10 +73,10 @@ def _compute_misfit(spectra: Sequence[Spectrum], tried: WindowFilter, pole_facto
         n_folds = max(1, round(tried.sampling_rate / kept_rate))
         return np.asarray(sum(tried.compute_gain(frequency + k * kept_rate) ** 2 for k in range(n_folds)))
 
-    return compute_misfit(spectra, compute_power, tried.cutoff * pole_factors)
+    return compute_negative_log_likelihood(spectra, compute_power, tried.cutoff * pole_factors)
 
 
-def _compute_smooth_misfit(spectrum: Spectrum) -> float:
+def _evaluate_smooth_spectrum(spectrum: Spectrum) -> float:
     """Return the negative logarithm of the likelihood of noise with a smooth spectrum."""
     frequency, power, _ = spectrum
     edges = np.geomspace(frequency[0], frequency[-1], N_SMOOTH_BANDS + 1)[:-1]

@@ -61,8 +61,8 @@ MIN_RELEVANT_FRACTION = 0.005
 usual instruments)."""
 MAX_ACCEPTANCE_TESTS = 3
 """Number of candidates of the shortlist that are tested on validation trials."""
-MAX_BIC_LAG_FRACTIONS = (0.3, 0.1)
-"""Fractions of the best fall of BIC by which a candidate may lag to get the second and the third round of fitting."""
+MAX_BIC_EXCESS_FRACTIONS = (0.3, 0.1)
+"""Largest excess of BIC over the best candidate, as a fraction of its gain, for the later rounds of fitting."""
 DIVERGENCE_REASON = "with it, a simulation diverges"
 """Reason for the rejection of an effect without a finite simulation."""
 
@@ -200,8 +200,8 @@ class ForwardSelection:
     ) -> list[Fit]:
         """Return fits of ``current`` with each of ``candidates`` added, best first.
 
-        The fits are preliminary. Candidates that lag behind the best one, or behind ``bic_goal``, are not fitted to the
-        end. ``max_nfev_by_round`` holds the maximum number of function evaluations of each round.
+        The fits are preliminary. Candidates far above the BIC of the best one, or above ``bic_goal``, are not fitted
+        to the end. ``max_nfev_by_round`` holds the maximum number of function evaluations of each round.
         """
         fits = []
         for index, candidate in enumerate(candidates):
@@ -214,11 +214,11 @@ class ForwardSelection:
             )
         dropped: list[Fit] = []
         last = len(max_nfev_by_round) - 1
-        for index, lag_fraction in zip(range(1, last + 1), MAX_BIC_LAG_FRACTIONS, strict=False):
+        for index, excess_fraction in zip(range(1, last + 1), MAX_BIC_EXCESS_FRACTIONS, strict=False):
             if not fits:
                 break
             best_bic = min([bic_goal, *map(self._bic, fits)])
-            max_bic = best_bic + max(20.0 * BIC_THRESHOLD, lag_fraction * (self._bic(current) - best_bic))
+            max_bic = best_bic + max(20.0 * BIC_THRESHOLD, excess_fraction * (self._bic(current) - best_bic))
             dropped += [fit for fit in fits if self._bic(fit) > max_bic]
             fits = [fit for fit in fits if self._bic(fit) <= max_bic]
             for k, fit in enumerate(fits):

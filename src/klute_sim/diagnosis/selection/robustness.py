@@ -24,10 +24,11 @@ RESTART_SIGMAS = 3.0
 """Distance of the restart from the fit, in standard errors of each parameter."""
 MIN_RESTART_OFFSET = 0.02
 """Minimum distance of the restart from the fit, in normalized parameters."""
-MAX_GAIN_LAG_FRACTION = 0.03
-"""Fraction of the fall of BIC by which a rival may lag that explains the data to the noise, too (assumed)."""
-MAX_LAG_FACTOR = 5.0
-"""Largest such lag over the difference of BIC that decides (assumed)."""
+MAX_EXCESS_FRACTION = 0.03
+"""Largest excess of BIC of a rival that explains the data to the noise, too, as a fraction of what the best fit gains
+(assumed)."""
+MAX_EXCESS_FACTOR = 5.0
+"""Largest such excess over the difference of BIC that decides (assumed)."""
 CHI2_TOLERANCE = 1.0
 """Difference of chi squared below which two fits agree."""
 
@@ -129,8 +130,8 @@ def _refit_replacements(search: ForwardSelection, reduced_fit: Fit, best_fit: Fi
 def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[EquivalentModel]:
     """Return the models with one replaced term that are not decisively worse, best first.
 
-    The BIC of such a model lags by no more than the threshold, or by no more than :data:`MAX_GAIN_LAG_FRACTION` of what
-    the replaced term gains while its repeats show no misfit either: an effect that is not in the catalogue may be as
+    The BIC of such a model is higher by at most the threshold, or by at most :data:`MAX_EXCESS_FRACTION` of what the
+    replaced term gains while its repeats show no misfit either: an effect that is not in the catalogue may be as
     close to both. The replacement must pass the acceptance tests of the selection, including validation. It must be
     nameable: where its refined fit has a parameter at a bound, it is fitted again from the values of ``best_fit``, and
     then a simpler form takes its place or none does.
@@ -187,15 +188,17 @@ def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_
     together prefer ``best_fit`` by no more than twice the difference that decides in the fitted ones alone.
     """
     n = search.data.n_effective
-    lag, gain = rival.bic(n) - best_fit.bic(n), reduced_fit.bic(n) - best_fit.bic(n)
-    max_lag = min(MAX_GAIN_LAG_FRACTION * gain, MAX_LAG_FACTOR * search.bic_threshold)
-    if lag > search.bic_threshold and (lag > max_lag or search.has_misfit(best_fit) or search.has_misfit(rival)):
+    excess, gain = rival.bic(n) - best_fit.bic(n), reduced_fit.bic(n) - best_fit.bic(n)
+    max_excess = min(MAX_EXCESS_FRACTION * gain, MAX_EXCESS_FACTOR * search.bic_threshold)
+    if excess > search.bic_threshold and (
+        excess > max_excess or search.has_misfit(best_fit) or search.has_misfit(rival)
+    ):
         return False
     gains = search.compute_validation_gains(reduced_fit, rival)
     if not search.rejection_reason(reduced_fit, rival, gains):
         return True
     chi2 = search.compute_validation_chi2(reduced_fit, best_fit, rival).values()
-    if lag + sum(of_rival - of_best for _, of_best, of_rival in chi2) <= 2.0 * search.bic_threshold:
+    if excess + sum(of_rival - of_best for _, of_best, of_rival in chi2) <= 2.0 * search.bic_threshold:
         required = -MAX_VALIDATION_LOSS
     else:
         best_gains = [1.0 - of_best / of_reduced for of_reduced, of_best, _ in chi2]
