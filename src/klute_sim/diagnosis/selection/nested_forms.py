@@ -1,6 +1,7 @@
-"""Fits of forms of an effect that contain a simpler form: they cannot explain less than it does.
+"""Fits of forms of an effect beside those of its simpler forms: one that contains another cannot explain less.
 
-Where one does, its fit has ended in a local minimum, and begins again where the simpler form ended. A form whose
+Where a form explains less than one with fewer parameters, which all have counterparts in it, its fit may have ended in
+a local minimum, and begins again where the simpler form ended. A form whose
 parameter ends at its bound may be part of such a form, too: a valve that is symmetric in part only.
 """
 
@@ -29,14 +30,14 @@ def restart_nested_forms(data: WeightedData, fits: Sequence[Fit], max_nfev: int)
 
 def _restart_at_simpler_form(data: WeightedData, fit: Fit, fits: Sequence[Fit], max_nfev: int) -> Fit:
     simpler = [other for other in fits if _is_simpler_form(other.hypothesis.terms[-1], fit.hypothesis.terms[-1])]
-    best = min(simpler, key=lambda other: other.chi2, default=fit)
-    if not best.chi2 < fit.chi2 - MIN_CHI2_EXCESS:
-        return fit
-    start = _carry_values(best, fit.hypothesis, len(fit.hypothesis.terms) - 1)
-    if start is None:
-        return fit
-    restarted = fit_hypothesis(data, fit.hypothesis, start, max_nfev=max_nfev)
-    return restarted if restarted.chi2 < fit.chi2 else fit
+    for other in sorted(simpler, key=lambda other: other.chi2):
+        if not other.chi2 < fit.chi2 - MIN_CHI2_EXCESS:
+            break
+        start = _carry_values(other, fit.hypothesis, len(fit.hypothesis.terms) - 1)
+        if start is not None:
+            restarted = fit_hypothesis(data, fit.hypothesis, start, max_nfev=max_nfev)
+            return restarted if restarted.chi2 < fit.chi2 else fit
+    return fit
 
 
 def _is_simpler_form(term: EffectTerm, other: EffectTerm) -> bool:
