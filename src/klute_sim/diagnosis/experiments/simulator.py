@@ -137,6 +137,14 @@ class Simulator:
         )
         return [[next(readings) for _ in row] for row in setups]
 
+    def compute_nominal_residuals(self, experiments: Sequence[Experiment]) -> list[dict[str, Array]]:
+        """Return for each experiment: channel -> measured minus simulated reading [SI] of the device as declared."""
+        setups = [SimulationSetup(e.device.parameters) for e in experiments]
+        return [
+            {channel: series.value - reading[channel] for channel, series in e.measured.items()}
+            for e, reading in zip(experiments, self.simulate([setups], experiments)[0], strict=True)
+        ]
+
     def _simulate_one(self, setup: SimulationSetup, experiment: Experiment, *, coarse: bool) -> DeviceResponse:
         if coarse:
             return self._simulate_cached(setup, experiment.coarse_variant)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
+from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.channel_filter import ChannelFilter, Filters
 from klute_sim.diagnosis.experiments.low_pass import FilterKind, LowPassFilter
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -58,8 +58,8 @@ MIN_PASS_BINS = 10
 """Fewest frequencies of a spectrum below half the cut-off, which show whether the noise was white (assumed)."""
 MAX_PASS_RATIO = 3.0
 """Largest ratio of the noise in the lower and the upper half of this band, either way (assumed)."""
-MIN_STOP_RATIO = 100.0
-"""Smallest ratio of the power of the noise in this band to that at the highest frequencies (assumed)."""
+MAX_STOP_RATIO = 0.01
+"""Largest ratio of the power of the noise at the highest frequencies to that in this band (assumed)."""
 MAX_CUTOFF_NYQUIST_FRACTION = 0.5
 """Largest cut-off frequency, as a fraction of half the sampling rate (assumed)."""
 
@@ -83,7 +83,7 @@ def add_low_pass_filters(
     filtered record are left out. Channels without repeats get no filter.
     """
     values = [{channel: series.value for channel, series in e.measured.items()} for e in fit_experiments]
-    residuals = _compute_residuals(fit_experiments, simulator)
+    residuals = simulator.compute_nominal_residuals(fit_experiments)
     differences = {}
     for channel in list_channels(fit_experiments):
         candidates = [_compare_repeats(fit_experiments, rows, channel) for rows in (values, residuals)]
@@ -91,15 +91,6 @@ def add_low_pass_filters(
         differences[channel] = min(candidates, key=lambda rows: float(np.sum([change @ change for _, change in rows])))
     filters, *others = detect_filters(differences, sampling_rates) or [{}]
     return [_add_filters(e, filters) if filters else e for e in experiments], others
-
-
-def _compute_residuals(experiments: Sequence[Experiment], simulator: Simulator) -> list[dict[str, Array]]:
-    """Return for each experiment: channel -> residual of the nominal device [SI]."""
-    setups = [SimulationSetup(e.device.parameters) for e in experiments]
-    return [
-        {channel: series.value - reading[channel] for channel, series in e.measured.items()}
-        for e, reading in zip(experiments, simulator.simulate([setups], experiments)[0], strict=True)
-    ]
 
 
 def _compare_repeats(
@@ -272,7 +263,7 @@ def _find_likeliest(spectra: Sequence[Spectrum], shapes: Sequence[LowPassFilter]
     """Return the most likely filter of one channel, of one of ``shapes``; None where ``spectra`` show no stop band."""
     nyquist = min(s.frequency[-1] for s in spectra)
     lowest = max(MIN_PASS_BINS * 2.0 * s.frequency[0] for s in spectra)
-    if lowest >= nyquist or compute_stop_ratio(spectra, lowest) > 1.0 / MIN_STOP_RATIO:
+    if lowest >= nyquist or compute_stop_ratio(spectra, lowest) > MAX_STOP_RATIO:
         return None
     passed = [_cut_spectrum(spectrum) for spectrum in spectra]
     coarse = [
@@ -315,4 +306,4 @@ def _has_shape(spectra: Sequence[Spectrum], cutoff: float) -> bool:
         for low, high in ((0.0, 0.25), (0.25, 0.5))
     )
     is_white = 1.0 / MAX_PASS_RATIO < lower / upper < MAX_PASS_RATIO
-    return bool(is_white and compute_stop_ratio(spectra, 0.5 * cutoff) < 1.0 / MIN_STOP_RATIO)
+    return bool(is_white and compute_stop_ratio(spectra, 0.5 * cutoff) < MAX_STOP_RATIO)

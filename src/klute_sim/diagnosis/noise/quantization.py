@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from klute_sim.datasets.trial import TimeSeries
-from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment, SimulationSetup
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats, list_channels
 from klute_sim.types import Array
@@ -23,8 +23,8 @@ GRID_TOLERANCE = 0.02
 MIN_RESOLUTION_TO_NOISE = 1.0
 """Resolution over the standard deviation of the noise, above which quantization matters."""
 MIN_SAMPLES = 200
-"""Fewest samples for the detection of a grid."""
-N_HARMONICS = 8
+"""Fewest samples for the detection of a grid (assumed)."""
+HARMONICS = np.arange(1, 9)
 """Harmonics of the quantization error in the model."""
 MAX_DITHER, MIN_DITHER = 1.0, 0.05
 """Limits of the dither: above, no quantization error is left in the mean; below, corners are sharper than matters."""
@@ -50,7 +50,7 @@ class Quantizer(NamedTuple):
         """
         phase = 2.0 * np.pi * (value - self.offset) / self.resolution
         reading = value.copy()
-        for k in range(1, N_HARMONICS + 1):
+        for k in HARMONICS:
             amplitude = (-1.0) ** k / (np.pi * k) * np.exp(-2.0 * (np.pi * k * self.dither) ** 2)
             reading += self.resolution * amplitude * np.sin(k * phase)
         return reading
@@ -91,11 +91,7 @@ def _estimate_noise(
     It is the smaller one of two estimates: differences of ``values`` contain the differences of the inputs of repeats
     that start a few samples apart, and those of the residuals of the nominal device the noise of the recorded inputs.
     """
-    readings = simulator.simulate([[SimulationSetup(e.device.parameters) for e in experiments]], experiments)[0]
-    residuals = [
-        {channel: value - reading[channel] for channel, value in row.items()}
-        for row, reading in zip(values, readings, strict=True)
-    ]
+    residuals = simulator.compute_nominal_residuals(experiments)
     raw, modelled = (estimate_noise_from_repeats(experiments, rows) for rows in (values, residuals))
     return {channel: min(raw[channel].std, modelled[channel].std) for channel in raw}
 
@@ -135,12 +131,14 @@ def _find_grid(values: Array) -> _Grid | None:
 def _solve_dither(noise_ratio: float) -> float:
     """Return the dither for which repeats deviate by ``noise_ratio`` after the quantizer, both over the resolution.
 
-    The variance between repeats is that of the noise plus the quantization error, minus its part common to all repeats.
+    The variance between repeats is that of the noise plus the quantization error, ``1/12``, minus that of the error
+    common to all repeats, half the sum of the squared amplitudes of :meth:`Quantizer.quantize` (Widrow & Kollar 2008,
+    ch. 4).
     """
 
     def excess_variance(dither: float) -> float:
-        common = sum(np.exp(-((2.0 * np.pi * k * dither) ** 2)) / (2.0 * (np.pi * k) ** 2) for k in range(1, 9))
-        return float(dither**2 + 1.0 / 12.0 - common - noise_ratio**2)
+        common = np.exp(-((2.0 * np.pi * HARMONICS * dither) ** 2)) / (2.0 * (np.pi * HARMONICS) ** 2)
+        return float(dither**2 + 1.0 / 12.0 - common.sum() - noise_ratio**2)
 
     if excess_variance(MIN_DITHER) >= 0.0:
         return MIN_DITHER

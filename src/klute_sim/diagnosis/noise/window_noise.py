@@ -27,8 +27,8 @@ MIN_WINDOWS_PER_RECORD = 20
 """Fewest windows in a record whose spectrum shows one (assumed)."""
 PASS_FRACTION = 0.05
 """Part of the spectrum that is compared with the highest frequencies (assumed)."""
-MIN_STOP_RATIO = 6.0
-"""Smallest ratio of the power of the noise in this band to that at the highest frequencies, where windows are tried: of
+MAX_STOP_RATIO = 1.0 / 6.0
+"""Largest ratio of the power of the noise at the highest frequencies to that in this band where windows are tried: of
 these, a Savitzky-Golay filter of five samples leaves most, an eighth (assumed)."""
 N_REFINED = 8
 """Number of windows for which a lag of the sensor is tried."""
@@ -48,7 +48,7 @@ def find_window(differences: Sequence[tuple[Array, Array]], sampling_rate: float
     """
     found = (compute_spectrum(*difference, is_banded=False) for difference in differences)
     spectra = [s for s in found if s is not None]
-    if not spectra or compute_stop_ratio(spectra, PASS_FRACTION * spectra[0].frequency[-1]) > 1.0 / MIN_STOP_RATIO:
+    if not spectra or compute_stop_ratio(spectra, PASS_FRACTION * spectra[0].frequency[-1]) > MAX_STOP_RATIO:
         return None
     duration = min(1.0 / float(s.frequency[1] - s.frequency[0]) for s in spectra)
     longest = min(MAX_WINDOW, int(duration * sampling_rate / MIN_WINDOWS_PER_RECORD))
