@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from klute_sim.diagnosis.command_delay import (
-    DEVIATION_INTERVALS,
+    DELAY_DEVIATION_INTERVALS,
     add_command_delay,
     complete_with_command_delay,
     explains_pressures,
@@ -57,7 +57,7 @@ def test_delay_of_the_log_is_found_and_corrected(simulator: Simulator, delay: fl
     assert has_pressure_misfit(data, base_fit)
     extended = add_command_delay(data, base_fit)
     assert extended is not None
-    assert extended.registration[-1] == (COMMAND_DELAY, pytest.approx(1e3 * DEVIATION_INTERVALS * INTERVAL))
+    assert extended.registration[-1] == (COMMAND_DELAY, pytest.approx(1e3 * DELAY_DEVIATION_INTERVALS * INTERVAL))
     corrected = fit_hypothesis(data, extended)
     assert corrected.values[-1] == pytest.approx(1e3 * delay, abs=0.1)
     assert explains_pressures(data, corrected)

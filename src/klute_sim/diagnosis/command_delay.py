@@ -18,19 +18,19 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import has_misfit
 from klute_sim.diagnosis.noise.repeats import Noise
-from klute_sim.diagnosis.selection.naming import MIN_DELAY_SAMPLES
+from klute_sim.diagnosis.selection.naming import MIN_DELAY_INTERVALS
 from klute_sim.types import Array
 
 MIN_BIC_FALL = 10.0
 """Smallest fall of the Bayesian information criterion by which pressures show a delay: very strong evidence after Kass
 and Raftery (1995), J. Am. Stat. Assoc. 90, 773-795."""
-PERTURBATION_INTERVALS = 0.1
+DELAY_STEP_INTERVALS = 0.1
 """Delay whose influence on the pressures is simulated."""
-DEVIATION_INTERVALS = 0.5
+DELAY_DEVIATION_INTERVALS = 0.5
 """Standard deviation of the delay (assumed: a log is late by up to one sample)."""
-MAX_INTERVALS = 1.4
+MAX_DELAY_INTERVALS = 1.4
 """Longest delay of a log (assumed: a fit at its bound of 1.5 has another cause)."""
-MAX_HOLD_INTERVALS = 0.25
+MAX_ZERO_ORDER_HOLD_DELAY_INTERVALS = 0.25
 """Longest delay, either way, where a zero-order hold is assumed: a hold with a longer one looks like a smooth command
 with a delay (assumed)."""
 
@@ -49,7 +49,7 @@ def add_command_delay(data: WeightedData, base_fit: Fit) -> Hypothesis | None:
     hypothesis = base_fit.hypothesis
     extended, start = _extend(base_fit, interval)
     end = start.copy()
-    end[hypothesis.n_prior_parameters] = PERTURBATION_INTERVALS / DEVIATION_INTERVALS
+    end[hypothesis.n_prior_parameters] = DELAY_STEP_INTERVALS / DELAY_DEVIATION_INTERVALS
     (changes,) = data.compute_changes(
         extended.build_setups(start, data.experiments), [extended.build_setups(end, data.experiments)]
     )
@@ -83,7 +83,7 @@ def complete_with_command_delay(data: WeightedData, fit: Fit) -> Fit | None:
 def _extend(fit: Fit, interval: float) -> tuple[Hypothesis, Array]:
     """Return the hypothesis of ``fit`` with a delay of a log with ``interval`` [s], and its point without delay."""
     hypothesis = fit.hypothesis
-    added = (COMMAND_DELAY, 1e3 * DEVIATION_INTERVALS * interval)
+    added = (COMMAND_DELAY, 1e3 * DELAY_DEVIATION_INTERVALS * interval)
     extended = replace(hypothesis, registration=(*hypothesis.registration, added))
     return extended, np.insert(fit.x, hypothesis.n_prior_parameters, 0.0)
 
@@ -93,8 +93,8 @@ def _is_delay_of_log(data: WeightedData, fit: Fit, interval: float) -> bool:
     names = [parameter.name for parameter in fit.hypothesis.parameters]
     n_intervals = 1e-3 * fit.values[names.index(COMMAND_DELAY)] / interval
     if any(e.has_zero_order_hold and not e.has_logged_updates for e in data.experiments):  # a hold is assumed
-        return abs(n_intervals) < MAX_HOLD_INTERVALS
-    return -MIN_DELAY_SAMPLES < n_intervals < MAX_INTERVALS
+        return abs(n_intervals) < MAX_ZERO_ORDER_HOLD_DELAY_INTERVALS
+    return -MIN_DELAY_INTERVALS < n_intervals < MAX_DELAY_INTERVALS
 
 
 def explains_pressures(data: WeightedData, fit: Fit) -> bool:

@@ -19,8 +19,8 @@ def drop_held_samples(trial: Trial) -> Trial:
     """Return ``trial`` with the readings only of the channels whose samples the log holds; commands stay."""
     return replace(
         trial,
-        prescribed={name: _drop_repeats(name, series) for name, series in trial.prescribed.items()},
-        measured={name: _drop_repeats(name, series) for name, series in trial.measured.items()},
+        prescribed={name: _drop_held_samples(name, series) for name, series in trial.prescribed.items()},
+        measured={name: _drop_held_samples(name, series) for name, series in trial.measured.items()},
     )
 
 
@@ -45,7 +45,7 @@ def _count_held_samples(name: str, series: TimeSeries) -> int:
     return round(float(np.median(np.diff(np.flatnonzero(np.diff(series.value))))))
 
 
-def _drop_repeats(name: str, series: TimeSeries) -> TimeSeries:
+def _drop_held_samples(name: str, series: TimeSeries) -> TimeSeries:
     """Return the readings of ``series``: its changes, and where two in a row are equal, those between them."""
     n_held = _count_held_samples(name, series)
     if n_held == 1:

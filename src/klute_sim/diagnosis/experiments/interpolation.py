@@ -2,7 +2,7 @@
 
 Prescribed channels are denoised only where that is safe (:mod:`klute_sim.diagnosis.experiments.denoise`): a smooth
 curve through the noise of a quick release would have a larger error than its samples, and the steps of a digital
-command look like noise (:func:`repeats_samples`). A command whose log shows the
+command look like noise (:func:`holds_samples`). A command whose log shows the
 updates of a digital controller (:func:`shows_updates`) is held until its next sample (zero-order hold). Any other is
 interpolated linearly or with a zero-order hold, as the data decide: a controller that sets it at each sample holds it,
 and linear interpolation begins up to a sampling interval early. The length follows a curve, because a machine has mass:
@@ -92,10 +92,10 @@ def apply_zero_order_hold(time: Array, dt: float, command: TimeSeries) -> Array 
 
 def denoise_command(command: TimeSeries) -> Array:
     """Return the samples of ``command`` [Pa] without noise; those that a digital controller holds have none."""
-    return command.value if repeats_samples(command) else denoise(command.time, command.value)
+    return command.value if holds_samples(command) else denoise(command.time, command.value)
 
 
-def repeats_samples(command: TimeSeries) -> bool:
+def holds_samples(command: TimeSeries) -> bool:
     """Return whether ``command`` has the steps of a digital controller: values held for one or a few samples."""
     if shows_updates(command):
         return True
