@@ -333,7 +333,7 @@ def test_value_that_is_not_determined_is_no_flaw_of_an_alternative(
     search = ForwardSelection(data, [], [], history=[step])
     monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
     monkeypatch.setattr(ForwardSelection, "compute_validation_gains", lambda self, before, after: {})
-    monkeypatch.setattr(robustness, "refine_names", lambda data, fit: fit)
+    monkeypatch.setattr(robustness, "refine_effects", lambda data, fit: fit)
     monkeypatch.setattr(robustness, "refit_without_term", lambda data, fit, term: make_fit(chi2=500.0))
     monkeypatch.setattr(robustness, "screen_candidates", lambda data, fit, terms: [])
 
@@ -396,7 +396,7 @@ def test_rival_need_not_improve_validation_trials_more_than_the_best_model_does(
     monkeypatch.setattr(
         ForwardSelection, "compute_validation_chi2", lambda self, *fits: {"v": [chi2[id(fit)] for fit in fits]}
     )
-    monkeypatch.setattr(robustness, "refine_names", lambda data, fit: fit)
+    monkeypatch.setattr(robustness, "refine_effects", lambda data, fit: fit)
     monkeypatch.setattr(robustness, "refit_without_term", lambda data, fit, term: make_fit(chi2=500.0))
     monkeypatch.setattr(robustness, "screen_candidates", lambda data, fit, terms: [])
     rivals = [model.fit.hypothesis.terms for model in find_equivalent_models(search, best)]

@@ -29,7 +29,7 @@ BASE_CHI2, MAIN_CHI2 = 100_000.0, 450.0
 
 @pytest.fixture(autouse=True)
 def leave_fits_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(main_effect, "refine_names", lambda data, fit: fit)
+    monkeypatch.setattr(main_effect, "refine_effects", lambda data, fit: fit)
     monkeypatch.setattr(main_effect, "find_naming_obstacle", lambda *_, **__: "")
     monkeypatch.setattr(ForwardSelection, "compute_validation_gains", lambda *_: {"a": 0.9})
     monkeypatch.setattr(ForwardSelection, "rejection_reason", lambda *_: "")
@@ -96,13 +96,13 @@ def test_effects_of_like_size_have_no_rivals_of_a_main_effect() -> None:
 def test_rival_that_may_not_be_named_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     search, final = make_search(make_fit(THRESHOLD, chi2=460.0)), make_fit(WALL, DAMPING, chi2=220.0)
     with monkeypatch.context() as patch:
-        patch.setattr(main_effect, "find_naming_obstacle", lambda *_, needs_numbers_at_limit: "it is at its bound")
+        patch.setattr(main_effect, "find_naming_obstacle", lambda *_, accepts_numbers_at_limit: "it is at its bound")
         assert list_names(search, final) == []
     with monkeypatch.context() as patch:
         patch.setattr(
             main_effect,
             "find_naming_obstacle",
-            lambda *_, needs_numbers_at_limit: "a number is at its limit" if needs_numbers_at_limit else "",
+            lambda *_, accepts_numbers_at_limit: "" if accepts_numbers_at_limit else "a number is at its limit",
         )
         assert list_names(search, final) == [THRESHOLD]  # the small effects may relieve the number
     monkeypatch.setattr(ForwardSelection, "rejection_reason", lambda *_: "validation trials get worse")

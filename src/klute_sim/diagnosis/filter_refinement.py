@@ -21,6 +21,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import has_misfit
 from klute_sim.diagnosis.result import Verdict
+from klute_sim.diagnosis.selection.naming import DELAY_EFFECTS
 from klute_sim.diagnosis.selection.refits import refit_without_term
 from klute_sim.types import Array
 
@@ -36,8 +37,6 @@ MAX_COST_RATIO = 0.5
 """Largest ratio of the misfit of a channel with filters of another kind to that with the likeliest ones (assumed)."""
 ADEQUATE_VERDICTS: tuple[Verdict, ...] = "nothing-missing", "identified", "indistinguishable"
 """Verdicts of a model that may explain the data to the noise."""
-CHANNEL_DELAYS = frozenset({"clock_skew", "sensor_lag"})
-"""Effects that make a channel late, as a filter does."""
 MIN_COST_GAIN = 10.0
 """Smallest fall of the misfit by other cut-off frequencies for which the model is fitted again (assumed)."""
 MAX_REFINEMENTS = 3
@@ -78,7 +77,7 @@ def refine_filters(
     if not has_misfit_before and candidates[0].detected_cost - best.refined_cost < MIN_COST_GAIN:
         return preparation
     for _ in range(MAX_REFINEMENTS):
-        refined = prepare([_filter_alike(e, best.refined) for e in preparation.experiments])
+        refined = prepare([_with_filters(e, best.refined) for e in preparation.experiments])
         if not _has_misfit(refined):
             return refined
         best = _compare_cutoffs(refined.data, refined.base_fit, best.refined)
@@ -87,7 +86,7 @@ def refine_filters(
     best = min(candidates, key=lambda candidate: candidate.detected_cost)
     if not _explains_much_more(best, candidates[0]):
         return preparation
-    return prepare([_filter_alike(e, best.detected) for e in preparation.experiments])
+    return prepare([_with_filters(e, best.detected) for e in preparation.experiments])
 
 
 def _explains_much_more(candidate: _Candidate, current: _Candidate) -> bool:
@@ -111,7 +110,7 @@ def reconsider_filters(
     """
     current, selected = collect_filters(outcome.data), outcome.selected
     filtered = {channel for filters in (current, *permitted) for channel in filters}
-    delays = [t for t in outcome.terms if t.effect in CHANNEL_DELAYS and t.channel in filtered]
+    delays = [t for t in outcome.terms if t.effect in DELAY_EFFECTS and t.channel in filtered]
     is_adequate = selected.verdict in ADEQUATE_VERDICTS
     if not filtered or (is_adequate and not delays):
         return outcome
@@ -123,10 +122,10 @@ def reconsider_filters(
     best = min(candidates, key=lambda candidate: candidate.refined_cost)
     if candidates[0].detected_cost - best.refined_cost < MIN_COST_GAIN:
         return outcome
-    refined = search_model(prepare([_filter_alike(e, best.refined) for e in outcome.experiments]))
+    refined = search_model(prepare([_with_filters(e, best.refined) for e in outcome.experiments]))
     if refined.selected.verdict not in ADEQUATE_VERDICTS:
         return outcome
-    n_delays = sum(t.effect in CHANNEL_DELAYS and t.channel in filtered for t in refined.terms)
+    n_delays = sum(t.effect in DELAY_EFFECTS and t.channel in filtered for t in refined.terms)
     return refined if n_delays < len(delays) or not is_adequate else outcome
 
 
@@ -167,7 +166,7 @@ def _compute_residuals(data: WeightedData, fit: Fit, filters: Filters) -> Array:
 
     The parameters of ``fit`` have taken a part of the error of its own filters.
     """
-    filtered = data.with_experiments([_filter_alike(e, filters) for e in data.experiments])
+    filtered = data.with_experiments([_with_filters(e, filters) for e in data.experiments])
     (residuals,) = filtered.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)
     weighted = np.append(data.weight_residuals(residuals), data.compute_prior_residuals(fit.hypothesis, fit.x))
     if not np.isfinite(weighted).all():  # a simulation diverges
@@ -179,7 +178,7 @@ def _scale_cutoffs(filters: Filters, log_factor: float) -> Filters:
     return {channel: each.scale_cutoff(float(np.exp(log_factor))) for channel, each in filters.items()}
 
 
-def _filter_alike(experiment: Experiment, filters: Filters) -> Experiment:
+def _with_filters(experiment: Experiment, filters: Filters) -> Experiment:
     return replace(experiment, filters=filters)
 
 

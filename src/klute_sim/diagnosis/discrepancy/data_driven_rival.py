@@ -17,7 +17,7 @@ from klute_sim.diagnosis.discrepancy.sparse_regression import fit_data_driven_te
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
-from klute_sim.diagnosis.selection.bounds import refine_names
+from klute_sim.diagnosis.selection.bounds import refine_effects
 from klute_sim.diagnosis.selection.candidates import acts_on_pressure
 from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection
 from klute_sim.diagnosis.selection.main_effect import list_rivals_of_step
@@ -225,7 +225,7 @@ def find_decisive_term(
         return None
     if last_step is None or not is_named:
         return DecisiveTerm(adequate, None, [])
-    named_fit = refine_names(search.data, named_fit)
+    named_fit = refine_effects(search.data, named_fit)
     if base_fit.chi2 - named_fit.chi2 < MIN_NAMED_SHARE * gain or find_naming_obstacle(search.data, named_fit):
         return DecisiveTerm(adequate, None, [])
     max_chi2 = named_fit.chi2 + MAX_EXCESS_FRACTION * (base_fit.chi2 - named_fit.chi2)

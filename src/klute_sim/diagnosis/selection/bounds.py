@@ -63,11 +63,11 @@ def extend_at_bound(data: WeightedData, fit: Fit) -> Fit | None:
     return min(inside, key=lambda refit: refit.bic(data.n_effective), default=None)
 
 
-def refine_names(data: WeightedData, fit: Fit) -> Fit:
+def refine_effects(data: WeightedData, fit: Fit) -> Fit:
     """Return ``fit`` refined, with a simpler form of each effect whose refined fit has a parameter at its bound."""
     refined = fit_hypothesis(data, fit.hypothesis, fit.x, fine=True)
     simplified = simplify_at_bound(data, refined)
-    return refined if simplified is refined else refine_names(data, simplified)
+    return refined if simplified is refined else refine_effects(data, simplified)
 
 
 def restore_declared_numbers(data: WeightedData, fit: Fit) -> Fit:

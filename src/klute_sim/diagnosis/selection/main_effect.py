@@ -7,7 +7,7 @@ one is as likely.
 
 from klute_sim.diagnosis.fitting.hypothesis import Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.diagnosis.selection.bounds import refine_names
+from klute_sim.diagnosis.selection.bounds import refine_effects
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.robustness import MAX_EXCESS_FRACTION, EquivalentModel
@@ -31,13 +31,13 @@ def find_rivals_of_main_effect(search: ForwardSelection, base_fit: Fit, final_fi
         return []
     if step.added_term.identity not in {term.identity for term in names}:
         return []
-    main_fit = refine_names(search.data, step.refits[0])
+    main_fit = refine_effects(search.data, step.refits[0])
     remainder = main_fit.chi2 - final_fit.chi2
     if not 0.0 < remainder <= MAX_EXCESS_FRACTION * (base_fit.chi2 - final_fit.chi2):
         return []
     max_chi2 = main_fit.chi2 + max(remainder, MAX_FORM_EXCESS_FRACTION * (base_fit.chi2 - main_fit.chi2))
     # Uncertain numbers may be at their limits beside one effect, as long as others do not relieve them.
-    return list_rivals_of_step(search, step, main_fit, max_chi2, final_fit, needs_numbers_at_limit=False)
+    return list_rivals_of_step(search, step, main_fit, max_chi2, final_fit, accepts_numbers_at_limit=True)
 
 
 def list_rivals_of_step(
@@ -47,12 +47,12 @@ def list_rivals_of_step(
     max_chi2: float,
     final_fit: Fit,
     *,
-    needs_numbers_at_limit: bool = True,
+    accepts_numbers_at_limit: bool = False,
 ) -> list[EquivalentModel]:
     """Return the fits whose last term is another one than that of ``named_fit``, up to ``max_chi2``, best first.
 
-    ``step`` has added the last term. Differences of BIC are those from ``final_fit``. ``needs_numbers_at_limit`` is
-    that of :func:`~klute_sim.diagnosis.selection.naming.find_naming_obstacle`.
+    ``step`` has added the last term. Differences of BIC are those from ``final_fit``. ``accepts_numbers_at_limit``
+    is that of :func:`~klute_sim.diagnosis.selection.naming.find_naming_obstacle`.
     """
     n, name = search.data.n_effective, named_fit.hypothesis.terms[-1]
     rivals: dict[Identity, EquivalentModel] = {}
@@ -60,10 +60,10 @@ def list_rivals_of_step(
         identity = refit.hypothesis.terms[-1].identity
         if refit.chi2 > max_chi2 or identity == name.identity or identity in rivals:
             continue
-        rival = refine_names(search.data, refit)
+        rival = refine_effects(search.data, refit)
         if rival.chi2 > max_chi2:
             continue
-        if find_naming_obstacle(search.data, rival, needs_numbers_at_limit=needs_numbers_at_limit):
+        if find_naming_obstacle(search.data, rival, accepts_numbers_at_limit=accepts_numbers_at_limit):
             continue
         gains = search.compute_validation_gains(step.initial_fit, rival)
         if not search.rejection_reason(step.initial_fit, rival, gains):

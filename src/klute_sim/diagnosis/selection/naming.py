@@ -18,11 +18,11 @@ from klute_sim.effects.families import instrument
 MAX_INSTRUMENT_FRACTION = 0.1
 """Largest plausible error of an instrument, as a fraction of the range of its channel: gain, offset, and drift over the
 longest trial (assumed; a worse instrument is seen in its own calibration)."""
-MIN_DELAY_SAMPLES = 0.5
+MIN_DELAY_INTERVALS = 0.5
 """Shortest lag or shift of a clock that is named, in sampling intervals of its channel or of all channels (median),
 whichever is longer (assumed: between logged samples the simulation follows a straight line, whose corners may be off by
 as much)."""
-MIN_SUFFICIENT_DELAY_SAMPLES = 0.1
+MIN_SUFFICIENT_DELAY_INTERVALS = 0.1
 """Shortest one that is named where repeats show no misfit beside it (assumed): an error of straight lines between
 samples would remain in other channels."""
 IMPLAUSIBLE_REASON = "would be further off than instruments are"
@@ -30,7 +30,7 @@ IMPLAUSIBLE_REASON = "would be further off than instruments are"
 MAX_INSTRUMENT_LAG_S = 0.1
 """Largest plausible time constant of an instrument [s] (assumed: a filter of 1.6 Hz)."""
 DELAY_EFFECTS = frozenset({instrument.SENSOR_LAG.name, instrument.CLOCK_SKEW.name})
-"""Faults of an instrument in time, apart from those of its calibration."""
+"""Faults of an instrument that make its channel late or early, as a filter does; the others are of its calibration."""
 MAX_NUMBER_SIGMAS = 3.0
 """Error of a number, in plausible errors, up to which it may be the only name, or the first of equivalent ones
 (assumed: a larger one is rarer than an effect that is in no catalogue; simulated numbers were wrong by up to three, and
@@ -40,19 +40,19 @@ MIN_COINCIDENT_CAUSES = 3
 body), or faults of numbers and instruments (assumed: three are rarer than one effect outside the catalogue)."""
 
 
-def find_naming_obstacle(data: WeightedData, fit: Fit, *, needs_numbers_at_limit: bool = True) -> str:
+def find_naming_obstacle(data: WeightedData, fit: Fit, *, accepts_numbers_at_limit: bool = False) -> str:
     """Return why the terms of ``fit`` may not be named, without a full stop; '' if they may.
 
     A parameter at its bound says that the effect is something else, or that it is absent; an uncertain number, or the
-    registration of a walk, at the limit of its uncertainty says that something else is wrong, unless the terms do
-    not need it (not ``needs_numbers_at_limit``). ``data`` provide the ranges of the channels.
+    registration of a walk, at the limit of its uncertainty says that something else is wrong, unless the caller
+    ``accepts_numbers_at_limit`` because the terms do not need it. ``data`` provide the ranges of the channels.
     """
     for term, flaw in find_infeasible_terms(fit).items():
         return f"{term} {flaw}"
     for term, parameter, bound in _iterate_bounds_reached(fit):
         subject = f"{term} is" if term.number else f"{term} has '{parameter.name}'"
         return f"{subject} at its bound, {parameter.denormalize(bound):.4g}"
-    numbers = find_numbers_at_limit(fit) if fit.hypothesis.terms and needs_numbers_at_limit else []
+    numbers = [] if accepts_numbers_at_limit or not fit.hypothesis.terms else find_numbers_at_limit(fit)
     if numbers:
         terms = " and ".join(map(str, fit.hypothesis.terms))
         return f"{terms} would need {numbers[0]} at the limit of its uncertainty"
@@ -123,7 +123,7 @@ def find_unresolved_delays(data: WeightedData, fit: Fit) -> dict[EffectTerm, str
         return {}
     may_reach_noise = has_repeats(data.experiments) and not data.has_law_error
     reaches_noise = may_reach_noise and not has_misfit(data.experiments, fit.residuals, data.noise)
-    fraction, limit = (MIN_SUFFICIENT_DELAY_SAMPLES, "a tenth of") if reaches_noise else (MIN_DELAY_SAMPLES, "half")
+    fraction, limit = (MIN_SUFFICIENT_DELAY_INTERVALS, "a tenth of") if reaches_noise else (MIN_DELAY_INTERVALS, "half")
     intervals: dict[str, list[float]] = {}
     for e in data.experiments:
         for channel, series in e.measured.items():

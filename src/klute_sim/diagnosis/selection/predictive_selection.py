@@ -205,7 +205,7 @@ class PredictiveSelection:
         gain over ``base`` remains with these numbers as declared. A model that takes less than :data:`MIN_SHARE` of the
         error of ``base`` is not worth a name.
         """
-        obstacle = find_naming_obstacle(self.data, model.fit, needs_numbers_at_limit=False)
+        obstacle = find_naming_obstacle(self.data, model.fit, accepts_numbers_at_limit=True)
         gain = base.error - model.error
         if obstacle == model.obstacle or not MIN_SHARE * base.error <= gain < np.inf:
             return model

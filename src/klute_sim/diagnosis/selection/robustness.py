@@ -8,7 +8,7 @@ import numpy as np
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.selection.bounds import extend_at_bound, has_value_at_bound, refine_names, simplify_at_bound
+from klute_sim.diagnosis.selection.bounds import extend_at_bound, has_value_at_bound, refine_effects, simplify_at_bound
 from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_implausible_number, find_naming_obstacle
@@ -151,9 +151,9 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
             is_other = refit.hypothesis.terms[-1].identity != term.identity
             if not (is_other and _is_equivalent(search, reduced_fit, refit, best_fit)):
                 continue
-            rival = refine_names(data, refit)
+            rival = refine_effects(data, refit)
             if find_naming_obstacle(data, rival):
-                rival = refine_names(data, _restart_at(data, refit, best_fit))
+                rival = refine_effects(data, _restart_at(data, refit, best_fit))
             is_known = any(model.fit.hypothesis == rival.hypothesis for model in models)
             if is_known or find_naming_obstacle(data, rival):
                 continue
