@@ -35,11 +35,12 @@ CONFIDENCE_SIGMAS = 0.5
 error of a window that is too wide, while noise averages out: with 2, inputs of 200 Hz cause a misfit of 0.15 times the
 noise of a load cell in clean data, with 0.5 one of 0.05."""
 MAX_CHANGE_SIGMAS = 2.0
-"""Largest change of a sample, in standard deviations of its noise."""
+"""Largest change of a sample, in standard deviations of its noise (assumed)."""
 MAX_UNEVEN_CHANGE_SIGMAS = 5.0
-"""Largest change of a sample of an unevenly sampled signal, in standard deviations of its noise."""
+"""Largest change of a sample of an unevenly sampled signal, in standard deviations of its noise (assumed)."""
 MAX_INTERVAL_VARIATION = 0.01
-"""Largest variation of the sampling interval, as a fraction of it, of a signal that counts as evenly sampled."""
+"""Largest variation of the sampling interval, as a fraction of it, of a signal that counts as evenly sampled
+(assumed)."""
 MIN_REGULAR_FRACTION = 0.9
 """Smallest fraction of equal sampling intervals of an uneven signal that is smoothed outside of holds: what an
 irregular one is between its samples is not known well enough (assumed)."""

@@ -24,9 +24,9 @@ MAX_LEVELS = 2000
 MIN_CHANGES = 20
 """Fewest changes that show steps (assumed)."""
 MAX_MULTIPLE = 4
-"""Largest number of steps that the smallest change of a fast motion may be."""
+"""Largest number of steps that the smallest change of a fast motion may be (assumed)."""
 STEP_TOLERANCE = 0.02
-"""Largest deviation of a value from a whole number of steps, in steps."""
+"""Largest deviation of a value from a whole number of steps, in steps (assumed)."""
 STEP_NOISE = 12.0**-0.5
 """Standard deviation of the rounding error, in steps."""
 MAX_JUMP = 6.0
@@ -34,7 +34,7 @@ MAX_JUMP = 6.0
 MAX_NOISE = 0.6
 """Largest white noise, in steps; more hides the steps, and is averaged like any noise (assumed)."""
 NOISE_SIGMAS = 2.5
-"""Standard deviations of the noise before rounding that are added to half a step."""
+"""Standard deviations of the noise before rounding that are added to half a step (assumed)."""
 CUTOFF_HZ = 12.0
 """Frequency above which the curve follows the samples only where it must [Hz] (assumed: motions of a bench are slower).
 Of 500 Hz and steps of 0.1 mm, an error of 0.05 steps remains."""

@@ -12,11 +12,11 @@ from klute_sim.diagnosis.noise.repeats import AlignedRepeats, Noise, Residuals, 
 from klute_sim.types import Array, Mask
 
 SIGNIFICANCE_SIGMAS = 4.0
-"""Standard errors of a mean squared misfit above which it is significant."""
+"""Standard errors of a mean squared misfit above which it is significant (assumed)."""
 MIN_MISFIT_FRACTION = 0.25
-"""Smallest relevant misfit, as a fraction of the noise."""
+"""Smallest relevant misfit, as a fraction of the noise (assumed)."""
 LOCAL_VARIANCE_WINDOW = 3.0
-"""Window of the local noise variance [correlation times]."""
+"""Window of the local noise variance [correlation times] (assumed)."""
 
 
 class Misfit(NamedTuple):
@@ -82,7 +82,8 @@ def _squared_variance(repeats: AlignedRepeats, correlation_time: float) -> Array
     """Return the squared local noise variance [SI^4] of ``repeats``: (samples,).
 
     The local variance is that of a window of :data:`LOCAL_VARIANCE_WINDOW` correlation times, with one degree of
-    freedom per correlation time and repeat but one. Its squared estimate is too large by ``1 + 2 / freedom``.
+    freedom per correlation time and repeat but one. The square of a variance that is estimated with ``f`` degrees of
+    freedom is on average ``1 + 2 / f`` times too large (second moment of the chi-squared distribution).
     """
     n_repeats, n_samples = repeats.residuals.shape
     width = min(n_samples, max(1, round(LOCAL_VARIANCE_WINDOW * correlation_time)))

@@ -21,7 +21,7 @@ from klute_sim.types import Array
 GRID_TOLERANCE = 0.02
 """Largest distance of samples from the grid, as a fraction of the resolution: files have finite digits."""
 MIN_RESOLUTION_TO_NOISE = 1.0
-"""Resolution over the standard deviation of the noise, above which quantization matters."""
+"""Resolution over the standard deviation of the noise, above which quantization matters (assumed)."""
 MIN_SAMPLES = 200
 """Fewest samples for the detection of a grid (assumed)."""
 HARMONICS = np.arange(1, 9)

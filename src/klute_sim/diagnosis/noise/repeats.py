@@ -22,9 +22,9 @@ from klute_sim.diagnosis.noise.autocorrelation import (
 from klute_sim.types import Array, Mask
 
 MAX_DEVIATION_RATIO = 6.0
-"""Ratio of a group's deviations to the median of the other groups above which one of its repeats is wrong."""
+"""Ratio of a group's deviations to the median of the other groups above which one of its repeats is wrong (assumed)."""
 MIN_COMMON_SAMPLES = 10
-"""Repeats are compared if they share more than this number of samples."""
+"""Repeats are compared if they share more than this number of samples (assumed)."""
 
 
 class Noise(NamedTuple):

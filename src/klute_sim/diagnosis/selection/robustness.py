@@ -17,20 +17,20 @@ from klute_sim.diagnosis.selection.screening import screen_candidates, select_sh
 from klute_sim.types import ProgressCallback
 
 MAX_REPLACEMENTS = 5
-"""Maximum number of candidates that replace a term."""
+"""Maximum number of candidates that replace a term (assumed)."""
 MAX_EXCHANGES = 4
-"""Maximum number of times that an equivalent model takes the place of the best one."""
+"""Maximum number of times that an equivalent model takes the place of the best one (assumed)."""
 RESTART_SIGMAS = 3.0
-"""Distance of the restart from the fit, in standard errors of each parameter."""
+"""Distance of the restart from the fit, in standard errors of each parameter (assumed)."""
 MIN_RESTART_OFFSET = 0.02
-"""Minimum distance of the restart from the fit, in normalized parameters."""
+"""Minimum distance of the restart from the fit, in normalized parameters (assumed)."""
 MAX_EXCESS_FRACTION = 0.03
 """Largest excess of BIC of a rival that explains the data to the noise, too, as a fraction of what the best fit gains
 (assumed)."""
 MAX_EXCESS_FACTOR = 5.0
 """Largest such excess over the difference of BIC that decides (assumed)."""
 CHI2_TOLERANCE = 1.0
-"""Difference of chi squared below which two fits agree."""
+"""Difference of chi squared below which two fits agree (assumed)."""
 
 
 class EquivalentModel(NamedTuple):
