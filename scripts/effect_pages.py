@@ -189,8 +189,11 @@ def _render_confusions(effect: Effect, data: dict[str, Any]) -> str:
     for row in data["effects"]:
         if row["effect"] != effect.name:
             continue
+        label = row[kind]
+        if effect.kind == "instrument" and len(effect.forms) > 1:
+            label += f", {row['form']}"
         effect_cells = (
-            row[kind],
+            label,
             f"{row['signal_to_noise']:.0f}",
             f"{100.0 * row['orthogonal_fraction']:.0f} %",
             str(row["class_size"]),

@@ -56,7 +56,7 @@ def test_second_gauge_separates_sensor_from_regulator(
     assert twin.separated_by is not None
     assert "gauge" in twin.separated_by.description
     assert twin.remaining_cosine < 0.8
-    (late,) = pairs[EffectTerm("sensor_lag", "linear", "force")]
+    (late,) = pairs[EffectTerm("sensor_lag", "first_order", "force")]
     assert late.terms[1] == EffectTerm("clock_skew", "linear", "force")
     assert late.separated_by is None
     assert late.remaining_cosine > INDISTINGUISHABLE_COSINE

@@ -14,11 +14,12 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from tests.diagnosis.synthetic_dataset import make_repeats
 
 NOISE_STD = 3.0
-LAG, SKEW = EffectTerm("sensor_lag", "linear", "force"), EffectTerm("clock_skew", "linear", "force")
+LAG, SKEW = EffectTerm("sensor_lag", "first_order", "force"), EffectTerm("clock_skew", "linear", "force")
 
 
 @pytest.fixture
@@ -98,3 +99,24 @@ def test_short_delay_is_named_only_if_it_explains_the_data_to_the_noise(
         fit = make_fit(judged, term, misfit=misfit, time_constant_s=delay, shift_s=delay)
         obstacle = find_naming_obstacle(judged, fit)
         assert (expected in obstacle) if expected else not obstacle
+
+
+@pytest.mark.parametrize(
+    ("lag_samples", "bic_fall", "is_named"),
+    [
+        pytest.param(0.3, 17.0, False, id="short, weak evidence"),
+        pytest.param(0.3, 19.0, True, id="short, strong evidence"),
+        pytest.param(0.6, 7.0, True, id="as long as half an interval"),
+    ],
+)
+def test_short_delay_needs_stronger_evidence(
+    lag_samples: float, bic_fall: float, is_named: bool, data: WeightedData
+) -> None:
+    """A lag of 0.7 ms in a log of 200 Hz, with a fall of 10, completed a tendon whose law was not exact."""
+    after = make_fit(data, LAG, misfit=0.0, time_constant_s=lag_samples * get_interval(data))
+    before = make_fit(data, misfit=0.0)
+    chi2 = after.chi2 + after.bic(data.n_effective) - before.bic(data.n_effective) + bic_fall
+    before = replace(before, weighted_residuals=np.array([np.sqrt(chi2)]))
+    reason = ForwardSelection(data, [], []).rejection_reason(before, after, {"g": 0.5})
+    assert (reason == "") is is_named
+    assert is_named or "a fall of more than 18 is required" in reason

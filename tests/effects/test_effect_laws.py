@@ -12,6 +12,7 @@ from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.recorded_rollout import record_rollout
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.effects import catalogue
+from klute_sim.effects.families.instrument import compute_delay
 from klute_sim.effects.smoothing import SIGN_TRANSITION_SPEED
 from klute_sim.laws import mckibben, valve
 from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE, SupplyParameters
@@ -243,6 +244,35 @@ def test_instrument_laws_match_their_equations() -> None:
     assert ramp[3000:] == pytest.approx(3.0 * (time - 0.05)[3000:], abs=1e-3)
     lagged = read("sensor_lag", 0.05)
     assert np.abs(lagged[2500:]).max() == pytest.approx(1 / math.hypot(1, 7 * 0.05), abs=2e-3)
+
+
+def test_second_order_lag_of_an_instrument_matches_its_closed_forms() -> None:
+    first_order, second_order = catalogue.get_effects()["sensor_lag"].forms
+
+    def read(value: np.ndarray, tau: float, damping_ratio: float) -> np.ndarray:
+        return second_order.laws["reading"](second_order.parameter_type(tau, damping_ratio), TIME, value)
+
+    sine = np.sin(7 * TIME)
+    assert np.array_equal(read(sine, 0.0, 0.7), sine)
+    once = first_order.laws["reading"](first_order.parameter_type(0.03), TIME, sine)
+    twice = first_order.laws["reading"](first_order.parameter_type(0.03), TIME, once)
+    assert read(sine, 0.03, 1.0) == pytest.approx(twice, abs=1e-5)
+    ramp = read(3.0 * TIME, 0.02, 0.7)
+    delay = compute_delay(second_order, {"time_constant_s": 0.02, "damping_ratio": 0.7})
+    assert ramp[3000:] == pytest.approx(3.0 * (TIME - delay)[3000:], abs=1e-6)
+    stepped = read(np.where(TIME > 0.1, 1.0, 0.0), 0.02, 0.4)
+    assert stepped.max() - 1.0 == pytest.approx(math.exp(-math.pi * 0.4 / math.sqrt(1.0 - 0.4**2)), abs=2e-3)
+    assert read(np.full(len(TIME), 5.0), 0.02, 0.7) == pytest.approx(5.0, abs=1e-9)  # at rest, it stays there
+    shortest = read(sine, 1e-7, 1.0)
+    assert shortest == pytest.approx(sine, abs=1e-5)  # continuous at 0
+
+
+@pytest.mark.parametrize("effect", ["sensor_lag", "clock_skew"])
+def test_delay_of_an_instrument_is_that_of_a_ramp(effect: str) -> None:
+    form = catalogue.get_effects()[effect].forms[0]
+    ramp = form.laws["reading"](form.parameter_type(0.03), TIME, 2.0 * TIME)
+    delay = compute_delay(form, {form.parameters[0].key: 0.03})
+    assert ramp[3000:] == pytest.approx(2.0 * (TIME - delay)[3000:], abs=1e-3)
 
 
 @pytest.mark.parametrize(

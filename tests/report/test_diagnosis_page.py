@@ -15,6 +15,7 @@ from klute_sim.diagnosis.result import ChannelRms, Diagnosis
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.transfer_prediction import ChannelPrediction, TransferPrediction
 from klute_sim.diagnosis.verdict import verdict_to_dict
+from klute_sim.effects import catalogue
 from klute_sim.provenance import collect_versions
 from klute_sim.report.diagnosis import figures, page
 from klute_sim.report.diagnosis import text as words
@@ -43,7 +44,8 @@ def test_instrument_parameters_have_the_unit_of_their_channel(diagnosis: Diagnos
         ("sensor_lag", ("time constant", "s")),
         ("sensor_gain", ("gain", "")),
     ]:
-        term = diagnosis.added_terms[0]._replace(effect=effect, form="linear", channel="pressure")
+        form = catalogue.get_effects()[effect].forms[0].name
+        term = diagnosis.added_terms[0]._replace(effect=effect, form=form, channel="pressure")
         assert diagnosis.base_fit is not None
         (parameter,) = replace(diagnosis.base_fit.hypothesis, terms=(term,)).parameters[
             diagnosis.base_fit.hypothesis.n_prior_parameters :

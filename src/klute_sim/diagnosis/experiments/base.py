@@ -85,8 +85,10 @@ class SensorModel(NamedTuple):
     """Measured channel."""
     effect: str
     """Name of the effect in the catalogue."""
+    form: str
+    """Name of its form."""
     parameters: tuple[float, ...]
-    """Parameters of the effect's first form in SI units, as the named tuple that its law takes."""
+    """Parameters of the form in SI units, as the named tuple that its law takes."""
 
 
 class BodyEdit(NamedTuple):

@@ -13,7 +13,7 @@ from klute_sim.diagnosis.experiments.base import (
     SimulationSetup,
     censor_reading,
 )
-from klute_sim.effects.catalogue import get_effects
+from klute_sim.effects.catalogue import find_form
 from klute_sim.errors import SimulationError
 from klute_sim.types import Array
 
@@ -76,7 +76,7 @@ def observe(setup: SimulationSetup, experiment: Experiment, response: DeviceResp
         value = response.read_channel(channel)
         for sensor in setup.sensors:
             if sensor.channel == channel:
-                form = get_effects()[sensor.effect].forms[0]
+                _, form = find_form(sensor.effect, sensor.form)
                 value = form.laws["reading"](form.parameter_type(*sensor.parameters), response.time, value)
         if channel in experiment.filters:
             value = experiment.filters[channel].apply(response.time, value)

@@ -272,9 +272,9 @@ class Hypothesis:
         device_effects: list[tuple[EffectTerm, dict[str, float]]] = []
         sensors, body_edits, model_effects = [], [], []
         for index, term in enumerate(self.terms):
-            pairs = [(p, v) for p, v in zip(self.parameters, values, strict=True) if p.term_index == index]
             if term.number:
                 continue
+            pairs = [(p, v) for p, v in zip(self.parameters, values, strict=True) if p.term_index == index]
             if term.effect_definition.kind == "mechanism" and term.channel is None:
                 values_by_key = tuple((p.name, v) for p, v in pairs)
                 model_effects.append(ModelEffect(term.effect, term.form, values_by_key, term.part))
@@ -283,9 +283,9 @@ class Hypothesis:
             elif term.channel is None:
                 device_effects.append((term, {p.name: v for p, v in pairs}))
             else:
-                unit = CHANNEL_UNITS[term.channel][1]
+                form, unit = term.form_definition, CHANNEL_UNITS[term.channel][1]
                 si_values = tuple(v * unit if not math.isfinite(p.upper) else v for p, v in pairs)
-                sensors.append(SensorModel(term.channel, term.effect, term.form_definition.parameter_type(*si_values)))
+                sensors.append(SensorModel(term.channel, term.effect, form.name, form.parameter_type(*si_values)))
         start = len(self.uncertainties)
         errors = values[start : start + len(self.registration)]
         registration = make_registration(zip(dict(self.registration), errors, strict=True))

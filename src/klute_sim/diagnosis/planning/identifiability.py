@@ -170,7 +170,7 @@ def _list_terms(device: Device) -> list[EffectTerm]:
             terms += [EffectTerm(effect.name, form.name) for form in device.spec.list_candidate_forms(effect)]
         elif effect.kind == "instrument":
             channels = [channel for channel in RECORDED_CHANNELS if channel in CHANNEL_UNITS]
-            terms += [EffectTerm(effect.name, effect.forms[0].name, channel) for channel in channels]
+            terms += [EffectTerm(effect.name, form.name, channel) for form in effect.forms for channel in channels]
     return terms
 
 

@@ -202,7 +202,7 @@ def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
         elif effect.kind == "instrument":
             # Quantisation is detected without a simulation.
             channels = [c for c in data.noise if c in CHANNEL_UNITS and effect is not instrument.QUANTIZATION]
-            terms += [EffectTerm(effect.name, effect.forms[0].name, c) for c in channels]
+            terms += [EffectTerm(effect.name, form.name, c) for form in effect.forms for c in channels]
     numbers = list_error_candidates(device.spec)
     if is_supply_only(data.experiments):
         numbers = {key: error for key, error in numbers.items() if key.partition(".")[0] in PNEUMATIC_SECTIONS}

@@ -23,6 +23,7 @@ from klute_sim.diagnosis.selection.naming import (
     find_implausible_instrument,
     find_infeasible_terms,
     find_unresolved_delays,
+    get_min_bic_fall,
 )
 from klute_sim.diagnosis.selection.nested_forms import restart_nested_forms
 from klute_sim.diagnosis.selection.refits import refit_with_replacement, refit_without_term
@@ -336,10 +337,11 @@ class ForwardSelection:
             return f"{term} {IMPLAUSIBLE_REASON}"
         min_gain = MIN_VALIDATION_GAIN if self.has_misfit(before) else NO_MISFIT_GAIN_FACTOR * MIN_VALIDATION_GAIN
         min_gain = min(min_gain, max_required_gain)
-        if bic_gain <= self.bic_threshold:
+        min_fall = max(self.bic_threshold, get_min_bic_fall(self.data, after, term))
+        if bic_gain <= min_fall:
             return (
                 f"{term} explains no more than noise would (BIC {format_bic_drop(bic_gain, 1)}; a fall of more than "
-                f"{self.bic_threshold:.0f} is required)"
+                f"{min_fall:.0f} is required)"
             )
         known_gain = self._compute_gain_without_misfit(before)
         if before.chi2 - after.chi2 <= MIN_FURTHER_GAIN_FRACTION * known_gain:

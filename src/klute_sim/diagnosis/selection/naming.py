@@ -25,10 +25,13 @@ as much)."""
 MIN_SUFFICIENT_DELAY_INTERVALS = 0.1
 """Shortest one that is named where repeats show no misfit beside it (assumed): an error of straight lines between
 samples would remain in other channels."""
+MIN_SHORT_DELAY_BIC_FALL = 18.0
+"""Smallest fall of BIC by which such a short one is named: three times what other names need (assumed: one of a seventh
+of an interval completed a simulated law that was not exact, with a fall of 10)."""
 IMPLAUSIBLE_REASON = "would be further off than instruments are"
 """Reason why a large error of an instrument is not named."""
 MAX_INSTRUMENT_LAG_S = 0.1
-"""Largest plausible time constant of an instrument [s] (assumed: a filter of 1.6 Hz)."""
+"""Longest plausible delay of an instrument [s] (assumed: a filter of 1.6 Hz)."""
 DELAY_EFFECTS = frozenset({instrument.SENSOR_LAG.name, instrument.CLOCK_SKEW.name})
 """Faults of an instrument that make its channel late or early, as a filter does; the others are of its calibration."""
 MAX_NUMBER_SIGMAS = 3.0
@@ -84,6 +87,8 @@ def find_implausible_instrument(data: WeightedData, fit: Fit) -> EffectTerm | No
                 for parameter, value in zip(hypothesis.parameters, fit.values, strict=True)
                 if parameter.term_index == index
             ]
+            if term.effect == instrument.SENSOR_LAG.name:
+                values = [compute_delay(fit, term)]
             if not _is_plausible_instrument(data, term.effect, term.channel, values):
                 return term
     return None
@@ -113,33 +118,53 @@ def find_unresolved_delays(data: WeightedData, fit: Fit) -> dict[EffectTerm, str
     The delays of a channel add up: a filter that is late and a clock that is as early show nothing but their shapes.
     Shorter ones are named where the model with them reaches the noise, unless that includes the error of a law.
     """
-    rows = list(zip(fit.hypothesis.parameters, fit.values, strict=True))
-    delays = {
-        term: sum(value for parameter, value in rows if parameter.term_index == index)
-        for index, term in enumerate(fit.hypothesis.terms)
-        if term.effect in DELAY_EFFECTS
-    }
+    delays = {term: compute_delay(fit, term) for term in fit.hypothesis.terms if term.effect in DELAY_EFFECTS}
     if not delays:
         return {}
     may_reach_noise = has_repeats(data.experiments) and not data.has_law_error
     reaches_noise = may_reach_noise and not has_misfit(data.experiments, fit.residuals, data.noise)
     fraction, limit = (MIN_SUFFICIENT_DELAY_INTERVALS, "a tenth of") if reaches_noise else (MIN_DELAY_INTERVALS, "half")
-    intervals: dict[str, list[float]] = {}
-    for e in data.experiments:
-        for channel, series in e.measured.items():
-            if len(series.time) > 1:
-                intervals.setdefault(channel, []).append(float(np.median(np.diff(series.time))))
-    usual = float(np.median([interval for own in intervals.values() for interval in own])) if intervals else 0.0
     reasons = {}
     for term, delay in delays.items():
-        # The channel itself may be slower than the others, such as markers beside a load cell.
-        own = intervals.get(term.channel or "")
-        shortest = fraction * max(usual, float(np.median(own)) if own else 0.0)
+        shortest = fraction * _find_relevant_interval(data, term.channel)
         if abs(delay) < shortest:
             reasons[term] = f"is shorter than {limit} a sampling interval"
         elif abs(sum(other for one, other in delays.items() if one.channel == term.channel)) < shortest:
             reasons[term] = f"leaves less than {limit} a sampling interval together with the other delay of its channel"
     return reasons
+
+
+def get_min_bic_fall(data: WeightedData, fit: Fit, term: EffectTerm) -> float:
+    """Return the smallest fall of BIC by which ``term`` of ``fit`` is named, beside what any term needs.
+
+    It is :data:`MIN_SHORT_DELAY_BIC_FALL` for a lag or a shift of a clock of less than :data:`MIN_DELAY_INTERVALS`.
+    """
+    if term.effect not in DELAY_EFFECTS:
+        return 0.0
+    shortest = MIN_DELAY_INTERVALS * _find_relevant_interval(data, term.channel)
+    return MIN_SHORT_DELAY_BIC_FALL if abs(compute_delay(fit, term)) < shortest else 0.0
+
+
+def compute_delay(fit: Fit, term: EffectTerm) -> float:
+    """Return how late ``term`` of ``fit``, one of :data:`DELAY_EFFECTS`, makes its channel [s]."""
+    index, rows = fit.hypothesis.terms.index(term), zip(fit.hypothesis.parameters, fit.values, strict=True)
+    values = {parameter.name: float(value) for parameter, value in rows if parameter.term_index == index}
+    return instrument.compute_delay(term.form_definition, values)
+
+
+def _find_relevant_interval(data: WeightedData, channel: str | None) -> float:
+    """Return the sampling interval [s] of ``channel``, or of all channels (median) where that is longer.
+
+    The channel itself may be slower than the others, such as markers beside a load cell.
+    """
+    intervals: dict[str, list[float]] = {}
+    for e in data.experiments:
+        for name, series in e.measured.items():
+            if len(series.time) > 1:
+                intervals.setdefault(name, []).append(float(np.median(np.diff(series.time))))
+    usual = float(np.median([interval for own in intervals.values() for interval in own])) if intervals else 0.0
+    own = intervals.get(channel or "")
+    return max(usual, float(np.median(own)) if own else 0.0)
 
 
 def find_terms_at_bound(fit: Fit) -> list[EffectTerm]:

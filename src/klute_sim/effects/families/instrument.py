@@ -1,5 +1,6 @@
 """Errors of instruments: the reading of a channel differs from the physical value. They are not part of the device."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,22 @@ def apply_lag(p: Any, time: Array, value: Array) -> Array:
     return np.asarray(lagged)
 
 
+def apply_second_order_lag(p: Any, time: Array, value: Array) -> Array:
+    """Return a second-order lag of y: ``tau^2 z'' + 2 zeta tau z' + z = y``, exact for straight lines between samples.
+
+    With zeta = 1 it is two equal lags in series, with 0.87 a Bessel filter and with 0.71 a Butterworth filter of second
+    order. A slow signal is late by ``2 zeta tau``.
+    """
+    if p.time_constant <= 0.0 or len(value) < 2:
+        return value
+    from scipy.signal import TransferFunction, lfilter, lfilter_zi
+
+    steps = float(np.median(np.diff(time))) / p.time_constant
+    lag: Any = TransferFunction([1.0], [1.0, 2.0 * p.damping_ratio, 1.0])
+    lag = lag.to_discrete(steps, method="foh")
+    return np.asarray(lfilter(lag.num, lag.den, value, zi=lfilter_zi(lag.num, lag.den) * value[0])[0])
+
+
 def apply_clock_skew(p: Any, time: Array, value: Array) -> Array:
     """Return ``y(t - shift)``."""
     return np.asarray(np.interp(time - p.shift, time, value))
@@ -45,6 +62,16 @@ def apply_clock_skew(p: Any, time: Array, value: Array) -> Array:
 def quantize(p: Any, time: Array, value: Array) -> Array:
     """Return y rounded to the nearest multiple of the step."""
     return np.asarray(np.round(value / p.step) * p.step) if p.step > 0.0 else value
+
+
+def compute_delay(form: EffectForm, values: Mapping[str, float]) -> float:
+    """Return how late a channel is to slow signals [s] with ``form`` of :data:`SENSOR_LAG` or :data:`CLOCK_SKEW`.
+
+    ``values`` are those of its parameters by key.
+    """
+    if form.name == "second_order":
+        return 2.0 * values["damping_ratio"] * values["time_constant_s"]
+    return values[form.parameters[0].key]
 
 
 def _make_effect(name: str, description: str, equation: str, law: Any, parameter: EffectParameter) -> Effect:
@@ -75,12 +102,38 @@ SENSOR_DRIFT = _make_effect(
     apply_drift,
     EffectParameter(key="rate_per_s", neutral=0.0, lower=-np.inf, upper=np.inf, typical=1.0, source=_SOURCE),
 )
-SENSOR_LAG = _make_effect(
-    "sensor_lag",
-    "The channel's filter delays the signal with a first-order lag.",
-    "tau dz/dt = y - z",
-    apply_lag,
-    EffectParameter(key="time_constant_s", neutral=0.0, lower=0.0, upper=0.2, typical=0.01, source=_SOURCE),
+SENSOR_LAG = Effect(
+    name="sensor_lag",
+    description="The filter of the channel's amplifier delays the signal.",
+    kind="instrument",
+    forms=(
+        EffectForm(
+            name="first_order",
+            equation="tau dz/dt = y - z",
+            parameters=(
+                EffectParameter(key="time_constant_s", neutral=0.0, lower=0.0, upper=0.2, typical=0.01, source=_SOURCE),
+            ),
+            laws={"reading": apply_lag},
+        ),
+        EffectForm(
+            name="second_order",
+            equation="dz/dt = r, tau^2 dr/dt = y - z - 2 zeta tau r",
+            parameters=(
+                EffectParameter(
+                    key="time_constant_s", neutral=0.0, lower=0.0, upper=0.1, typical=0.005, source=_SOURCE
+                ),
+                EffectParameter(
+                    key="damping_ratio",
+                    neutral=None,
+                    lower=0.4,
+                    upper=3.0,
+                    typical=0.7,
+                    source="assumed: 0.7 is a Butterworth filter, 0.87 a Bessel filter, 1 two equal lags in series",
+                ),
+            ),
+            laws={"reading": apply_second_order_lag},
+        ),
+    ),
 )
 CLOCK_SKEW = _make_effect(
     "clock_skew",
