@@ -113,7 +113,7 @@ def test_groups_of_other_specimens_do_not_validate(monkeypatch: pytest.MonkeyPat
     search = ForwardSelection(data, [data.with_experiments([make_trial("A", group="3")])], [])
     left_out = []
     monkeypatch.setattr(
-        "klute_sim.diagnosis.selection.forward_selection.fit_hypothesis",
+        "klute_sim.diagnosis.selection.validation.fit_hypothesis",
         lambda training, hypothesis, x, **_: (
             left_out.append([e.group for e in training.experiments]) or make_fit(hypothesis, x)
         ),

@@ -1,8 +1,8 @@
 """Selection of effects.
 
 Modules in order of dependence: ``selection_step`` and ``candidates``; ``screening`` and ``pair_screening`` (linear
-prediction of gains); ``refits``, ``nested_forms``, ``naming`` (obstacles to a name) and ``bounds``;
-``forward_selection``, ``robustness`` (smaller models, multi-start convergence, equivalent models), ``main_effect``
-(rivals of an effect that explains nearly all) and ``deviating_specimen``; ``predictive_model`` and
+prediction of gains); ``refits``, ``nested_forms``, ``naming`` (obstacles to a name), ``bounds`` and
+``validation``; ``forward_selection``, ``robustness`` (smaller models, multi-start convergence, equivalent models),
+``main_effect`` (rivals of an effect that explains nearly all) and ``deviating_specimen``; ``predictive_model`` and
 ``predictive_selection`` (where the law is imperfect).
 """

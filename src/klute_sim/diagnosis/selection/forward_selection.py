@@ -16,7 +16,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, extend_jacobian, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
-from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals, group_repeats
+from klute_sim.diagnosis.noise.repeats import estimate_noise_from_residuals
 from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.naming import (
     IMPLAUSIBLE_REASON,
@@ -29,6 +29,7 @@ from klute_sim.diagnosis.selection.nested_forms import restart_nested_forms
 from klute_sim.diagnosis.selection.refits import refit_with_replacement, refit_without_term
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates, select_shortlist
 from klute_sim.diagnosis.selection.selection_step import SelectionStep
+from klute_sim.diagnosis.selection.validation import compute_validation_chi2
 from klute_sim.types import Array
 
 BIC_THRESHOLD = 6.0
@@ -41,6 +42,9 @@ MAX_VALIDATION_LOSS = 0.02
 """Maximum relative rise of chi squared in one group of validation trials."""
 NO_MISFIT_GAIN_FACTOR = 2.0
 """Factor of the minimum validation gain where repeats show no misfit."""
+MIN_FAULT_CHI2_FALL = 12.0
+"""Fall of chi squared in validation trials by which a fault of an instrument, which one channel shows, needs no such
+factor (assumed: a likelihood ratio of 400)."""
 MIN_FURTHER_GAIN_FRACTION = 1e-3
 """Fall of chi squared by a further effect, over that by the effects before it, which it must exceed where repeats show
 no misfit without it (assumed: the simulation reproduces the trace of an effect to 3 %)."""
@@ -287,33 +291,8 @@ class ForwardSelection:
         return {group: 1.0 - chi2_after / chi2_before for group, (chi2_before, chi2_after) in groups.items()}
 
     def compute_validation_chi2(self, *fits: Fit) -> dict[str, list[float]]:
-        """Return chi squared of each of ``fits`` in each validation group.
-
-        Without validation trials, each fitted group in turn is left out and all models are refitted to the others.
-        Only groups of its specimen tell anything about a number of one specimen, the last term of the last fit.
-        """
-        specimen = fits[-1].hypothesis.terms[-1].specimen if fits[-1].hypothesis.terms else None
-        validation_data = [data for data in self.validation_data if specimen in (None, data.experiments[0].specimen)]
-        if not validation_data:
-            return self._cross_validate(fits, specimen)
-        return {data.experiments[0].group: [_compute_chi2(data, fit) for fit in fits] for data in validation_data}
-
-    def _cross_validate(self, fits: Sequence[Fit], specimen: str | None) -> dict[str, list[float]]:
-        experiments = self.data.experiments
-        groups = [
-            group
-            for group, members in group_repeats(experiments).items()
-            if specimen in (None, experiments[members[0]].specimen)
-        ]
-        if len(groups) < 2:  # without its only group, the number would stay as that group has fitted it
-            return {}
-        chi2 = {}
-        for group in groups:
-            training = self.data.with_experiments([e for e in experiments if e.group != group])
-            held_out = self.data.with_experiments([e for e in experiments if e.group == group])
-            refits = [fit_hypothesis(training, fit.hypothesis, fit.x, max_nfev=REFIT_MAX_NFEV[1]) for fit in fits]
-            chi2[group] = [_compute_chi2(held_out, refit) for refit in refits]
-        return chi2
+        """Return chi squared of each of ``fits`` in each validation group, or fitted group that is left out."""
+        return compute_validation_chi2(self.data, self.validation_data, fits)
 
     def rejection_reason(
         self, before: Fit, after: Fit, validation_gains: dict[str, float], max_required_gain: float = np.inf
@@ -353,9 +332,20 @@ class ForwardSelection:
         losses = [f"'{group}' by {-100 * g:.1f} %" for group, g in validation_gains.items() if g < -MAX_VALIDATION_LOSS]
         if losses:
             return f"{term} fits, but {trials} get worse: {', '.join(losses)}"
-        if validation_gains and float(np.mean(list(validation_gains.values()))) <= min_gain:
+        gain = float(np.mean(list(validation_gains.values()))) if validation_gains else np.inf
+        if gain <= min_gain and not (gain > MIN_VALIDATION_GAIN and self._is_confirmed_fault(before, after)):
             return f"{term} fits, but {trials} improve by no more than {100 * min_gain:.0f} %"
         return ""
+
+    def _is_confirmed_fault(self, before: Fit, after: Fit) -> bool:
+        """Return whether validation trials confirm a fault of an instrument, the last term of ``after``.
+
+        The replay of a walk has errors of its own, which are like such faults.
+        """
+        if after.hypothesis.terms[-1].channel is None or self.data.experiments[0].has_body or not self.has_repeats:
+            return False
+        chi2 = self.compute_validation_chi2(before, after).values()
+        return sum(of_before - of_after for of_before, of_after in chi2) > MIN_FAULT_CHI2_FALL
 
     def _compute_gain_without_misfit(self, current: Fit) -> float:
         """Return the fall of chi squared by the effects of ``current``; 0 where its repeats show a misfit, or none."""
@@ -391,10 +381,3 @@ class ForwardSelection:
                 if self._bic(simplified) <= self._bic(current):
                     return self.simplify(simplified, base_fit)
         return current
-
-
-def _compute_chi2(data: WeightedData, fit: Fit) -> float:
-    """Return chi squared of ``fit`` in the trials of ``data``, without priors; infinite where a simulation diverges."""
-    (residuals,) = data.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)
-    vector = data.weight_residuals(residuals)
-    return float(vector @ vector)
