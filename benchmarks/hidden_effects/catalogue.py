@@ -282,6 +282,10 @@ LATER_FORMS: Forms = {
         "presliding_mm": HiddenParameter(0.02, 50, 1, None),
     },
     ("tendon_stiffening", "gradual_engagement"): {"transition_mm": HiddenParameter(0, 10, 0.5)},
+    ("muscle_damping", "power_law"): {
+        "coefficient_n_s_per_m": HiddenParameter(0, 3000, 150),
+        "exponent": HiddenParameter(0.3, 0.9, 0.5, None),
+    },
 }
 """Forms that the public catalogue got after the splits were drawn. No block hides them, so no dataset changes."""
 

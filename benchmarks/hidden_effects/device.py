@@ -114,6 +114,8 @@ def _apply_effect(
             law = law._replace(viscous=parameters["coefficient_n_s_per_m"])
         case ("muscle_damping", "pressure"):
             law = law._replace(viscous_pressure=parameters["coefficient_n_s_per_m"] / BAR)
+        case ("muscle_damping", "power_law"):
+            law = law._replace(sublinear=parameters["coefficient_n_s_per_m"], sublinear_exponent=parameters["exponent"])
         case ("muscle_damping", "power_1_5"):
             law = law._replace(power=parameters["coefficient"])
         case ("threshold_pressure", _):

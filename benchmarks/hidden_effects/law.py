@@ -80,6 +80,8 @@ class Law(NamedTuple):
     hysteretic_gamma: float  # gamma / beta of Bouc and Wen; 0 is Dahl
     viscous: float
     viscous_pressure: float
+    sublinear: float  # N s/m at 0.1 m/s
+    sublinear_exponent: float
     threshold: float
     threshold_rise: float
     cone_slope: float  # length of a conical end over the growth of the radius
@@ -269,6 +271,9 @@ def rate_dependent_tension(pressure: float, v: float, law: Law) -> float:
     per_muscle = law.coulomb_slope * pressure * sign + (law.viscous + law.viscous_pressure * pressure) * v
     if law.power != 0.0:
         per_muscle += law.power * v * math.sqrt(abs(v))
+    if law.sublinear != 0.0:  # linear below 5 mm/s; the coefficient is that at 0.1 m/s
+        squares = (v * v + 2.5e-5) / (1e-2 + 2.5e-5)
+        per_muscle += law.sublinear * v * math.exp(0.5 * (law.sublinear_exponent - 1.0) * math.log(squares))
     return total + law.n_muscles * per_muscle
 
 

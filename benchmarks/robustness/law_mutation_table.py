@@ -155,7 +155,11 @@ WRONG_SIZES = {
         ("p.rise * (1.0 - math", 0.5),
         ("p.rise * math", 2.0),
     ),
-    f"{_MUSCLE_EFFECTS}/muscle_damping.py": (("p.coefficient * velocity", 2.0),),
+    f"{_MUSCLE_EFFECTS}/muscle_damping.py": (
+        ("p.coefficient * velocity\n", 2.0),
+        ("p.coefficient * velocity *", 2.0),
+        ("(p.exponent - 1.0)", 0.5),
+    ),
     f"{_MUSCLE_EFFECTS}/bladder_relaxation.py": (("p.stiffness * (length", 2.0),),
     f"{_MUSCLE_EFFECTS}/bladder_wall.py": (("p.share * (_thick", 0.5), ("p.share * math.tanh", 0.5)),
     f"{_MUSCLE_EFFECTS}/braid_extensibility.py": (("p.strain * pressure * length /", 2.0),),

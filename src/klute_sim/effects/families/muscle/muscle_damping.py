@@ -1,14 +1,20 @@
-"""Viscous resistance of the muscle.
+"""Resistance of the muscle that grows with its speed.
 
 That of the rubber grows with the cross-section of the wall, in proportion to the diameter where walls are equally
 thick; that of the braid is a share of the gas tension, and grows with the square of the diameter (both assumed).
 """
 
+import math
 from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.units import BAR
+
+REFERENCE_SPEED = 0.1
+"""Speed at which all exponents have the same force [m/s] (assumed: a middle one of the bench's ramps)."""
+POWER_LAW_SPEED = 5e-3
+"""Speed below which a power law becomes linear [m/s] (assumed: an elastomer has a slowest time of relaxation)."""
 
 
 def viscous_force(
@@ -25,9 +31,20 @@ def pressure_dependent_force(
     return force + muscle.n_actuators * p.coefficient * (pressure / BAR) * velocity
 
 
+def power_law_force(
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
+) -> float:
+    """Return the tension [N] plus ``n c v ((v^2 + v_t^2) / (v_r^2 + v_t^2))^((m - 1) / 2)``.
+
+    ``v_r`` is :data:`REFERENCE_SPEED` and ``v_t`` :data:`POWER_LAW_SPEED`; with ``m = 1`` it is :func:`viscous_force`.
+    """
+    speed_ratio = math.hypot(velocity, POWER_LAW_SPEED) / math.hypot(REFERENCE_SPEED, POWER_LAW_SPEED)
+    return force + muscle.n_actuators * p.coefficient * velocity * speed_ratio ** (p.exponent - 1.0)
+
+
 MUSCLE_DAMPING = Effect(
     name="muscle_damping",
-    description="Rubber and braid resist motion in proportion to its speed.",
+    description="Rubber and braid resist motion the more, the faster it is.",
     kind="device",
     forms=(
         EffectForm(
@@ -61,6 +78,30 @@ MUSCLE_DAMPING = Effect(
                 ),
             ),
             laws={"muscle_force": pressure_dependent_force},
+        ),
+        EffectForm(
+            name="power_law",
+            equation="F += n c v ((v^2 + v_t^2) / (v_r^2 + v_t^2))^((m - 1)/2)",
+            parameters=(
+                EffectParameter(
+                    key="coefficient_n_s_per_m",
+                    neutral=0.0,
+                    lower=0.0,
+                    upper=10000.0,
+                    typical=150.0,
+                    source="as viscous, at v_r = 0.1 m/s; linear below v_t = 5 mm/s; both and the upper end assumed",
+                    diameter_exponent=1.0,
+                ),
+                EffectParameter(
+                    key="exponent",
+                    neutral=None,
+                    lower=0.2,
+                    upper=1.0,
+                    typical=0.5,
+                    source="assumed: losses of polymers grow with the root of the rate in a middle range (Rouse 1953)",
+                ),
+            ),
+            laws={"muscle_force": power_law_force},
         ),
     ),
 )
