@@ -294,12 +294,12 @@ def test_reason_states_the_bound_of_a_model_that_reaches_the_noise(
 def test_alternatives_at_bounds_and_absurd_instruments_are_no_rivals(
     data: WeightedData, replace_fits: Callable[[Refits], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    best, base = make_fit(THRESHOLD), make_fit(chi2=500.0)
+    best, base = make_fit(THRESHOLD, chi2=20.0), make_fit(chi2=500.0)
     rivals = [
-        make_fit(STRIBECK, stick_fraction=INSIDE, chi2=1.0),
-        make_fit(COULOMB, chi2=3.0),
-        make_fit(RELAXATION, time_constant_s=1.0, chi2=2.0),
-        make_fit(GAIN, gain=1.05, chi2=2.0),
+        make_fit(STRIBECK, stick_fraction=INSIDE, chi2=15.0),
+        make_fit(COULOMB, chi2=23.0),
+        make_fit(RELAXATION, time_constant_s=1.0, chi2=22.0),
+        make_fit(GAIN, gain=1.05, chi2=22.0),
     ]
     step = SelectionStep(base, (), (best, *rivals), THRESHOLD, {}, "")
     search = ForwardSelection(data, [], [], history=[step])
@@ -312,13 +312,13 @@ def test_alternatives_at_bounds_and_absurd_instruments_are_no_rivals(
         return [model.fit.hypothesis.terms for model in find_equivalent_models(search, best)]
 
     assert set(find_alternatives()) == {(STRIBECK,), (COULOMB,), (RELAXATION,), (GAIN,)}
-    at_bound = make_fit(STRIBECK, stick_fraction=AT_BOUND, chi2=1.0)
+    at_bound = make_fit(STRIBECK, stick_fraction=AT_BOUND, chi2=15.0)
     assert set(find_alternatives(a=at_bound)) == {(COULOMB,), (RELAXATION,), (GAIN,)}  # once, in the simpler form
-    too_simple = make_fit(COULOMB, chi2=100.0)
+    too_simple = make_fit(COULOMB, chi2=120.0)
     assert set(find_alternatives(a=at_bound, b=too_simple)) == {(RELAXATION,), (GAIN,)}
-    only_form = make_fit(RELAXATION, time_constant_s=100.0, chi2=2.0)
+    only_form = make_fit(RELAXATION, time_constant_s=100.0, chi2=22.0)
     assert set(find_alternatives(a=only_form)) == {(STRIBECK,), (COULOMB,), (GAIN,)}
-    absurd = make_fit(GAIN, gain=1.4, chi2=2.0)
+    absurd = make_fit(GAIN, gain=1.4, chi2=22.0)
     assert "further off" in find_naming_obstacle(data, absurd)
     assert set(find_alternatives(a=absurd)) == {(STRIBECK,), (COULOMB,), (RELAXATION,)}
 

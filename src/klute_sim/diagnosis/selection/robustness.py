@@ -29,6 +29,8 @@ MAX_EXCESS_FRACTION = 0.03
 (assumed)."""
 MAX_EXCESS_FACTOR = 5.0
 """Largest such excess over the difference of BIC that decides (assumed)."""
+AIC_PENALTY = 2.0
+"""Fall of chi squared that Akaike's information criterion requires of a further parameter."""
 CHI2_TOLERANCE = 1.0
 """Difference of chi squared below which two fits agree (assumed)."""
 
@@ -187,6 +189,8 @@ def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_
     suffices that it explains them nearly as well: by about the same fraction, or such that fitted and validation trials
     together prefer ``best_fit`` by no more than twice the difference that decides in the fitted ones alone.
     """
+    if _adds_only_shape(rival, best_fit):
+        return False
     n = search.data.n_effective
     excess, gain = rival.bic(n) - best_fit.bic(n), reduced_fit.bic(n) - best_fit.bic(n)
     max_excess = min(MAX_EXCESS_FRACTION * gain, MAX_EXCESS_FACTOR * search.bic_threshold)
@@ -204,6 +208,17 @@ def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_
         best_gains = [1.0 - of_best / of_reduced for of_reduced, of_best, _ in chi2]
         required = float(np.mean(best_gains)) - MAX_VALIDATION_LOSS
     return not search.rejection_reason(reduced_fit, rival, gains, required)
+
+
+def _adds_only_shape(rival: Fit, best_fit: Fit) -> bool:
+    """Return whether ``rival`` has more parameters than ``best_fit``, for the shape of a law, and gains nothing so.
+
+    The effect of its last term has a simpler form, and AIC (Akaike, 1974) is not lower with the rival: an exponent
+    that may have any value imitates other laws.
+    """
+    term, n_further = rival.hypothesis.terms[-1], len(rival.x) - len(best_fit.x)
+    n_simplest = min(len(form.parameters) for form in term.effect_definition.forms)
+    return n_further > 0 and len(term.parameters) > n_simplest and best_fit.chi2 - rival.chi2 <= AIC_PENALTY * n_further
 
 
 def refine_and_simplify(search: ForwardSelection, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
