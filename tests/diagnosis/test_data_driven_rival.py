@@ -155,7 +155,8 @@ def test_places_and_kinds_of_causes() -> None:
 RADIUS, TURNS = (
     EffectTerm("number_error", "value", number=f"muscle.{k}") for k in ("bladder_radius_mm", "turns_per_m")
 )
-GAIN, OFFSET, LAG = (EffectTerm(f"sensor_{fault}", "linear", "force") for fault in ("gain", "offset", "lag"))
+GAIN, OFFSET = (EffectTerm(f"sensor_{fault}", "linear", "force") for fault in ("gain", "offset"))
+LAG = EffectTerm("sensor_lag", "first_order", "force")
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals, decid
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, estimate_noise_from_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle
+from klute_sim.diagnosis.selection.naming import find_infeasible_terms, find_naming_obstacle
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
 from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
@@ -433,6 +433,15 @@ def test_hose_that_is_a_nozzle_is_not_named(length_m: float, is_refused: bool) -
     for reason in reasons:
         assert reason.startswith(f"hose would be {1e3 * length_m:.2g} mm long and 5 mm wide") == is_refused
     simulator.close()
+
+
+@pytest.mark.parametrize(("share", "is_refused"), [(0.4, False), (1.2, False), (1.3, True), (2.3, True)])
+def test_wall_thicker_than_it_is_is_not_named(share: float, is_refused: bool) -> None:
+    """Thresholds that the catalogue did not have were called a wall of 1.4 to 2.3 times its influence."""
+    fit = make_fit((EffectTerm("thick_wall_bladder", "mooney_rivlin"),), [share])
+    (parameter,) = fit.hypothesis.parameters
+    (reason,) = find_infeasible_terms(replace(fit, x=np.array([parameter.normalize(share)]))).values() or [""]
+    assert reason == (f"would have {share:.2f} times the influence of the whole wall" if is_refused else "")
 
 
 def test_channel_that_only_another_repeat_measured_counts() -> None:

@@ -44,6 +44,15 @@ def thick_wall_correction(
     return force + p.share * (_thick_wall_force(muscle, length) - mckibben.bladder_force(muscle, length))
 
 
+MAX_WALL_SHARE = 1.25
+"""Largest influence of a thick wall over that of the whole one (assumed: the rubber is known to a quarter)."""
+
+
+def find_wall_flaw(p: Any) -> str:
+    """Return why no wall has ``p.share`` of the difference between a thick and a thin one; '' if walls have it."""
+    return f"would have {p.share:.2f} times the influence of the whole wall" if p.share > MAX_WALL_SHARE else ""
+
+
 def _energy_density(muscle: MuscleParameters, length: float) -> float:
     """Return the strain energy density [J/m3] of the rubber, averaged over all bladders, eq. (3.3)."""
     return mckibben.bladder_energy(muscle, length) / (muscle.n_actuators * mckibben.bladder_volume(muscle))
@@ -94,6 +103,7 @@ THICK_WALL_BLADDER = Effect(
                 ),
             ),
             laws={"muscle_force": thick_wall_correction},
+            find_flaw=find_wall_flaw,
         ),
     ),
 )
