@@ -30,7 +30,7 @@ MIN_SHORT_DELAY_BIC_FALL = 18.0
 of an interval completed a simulated law that was not exact, with a fall of 10)."""
 IMPLAUSIBLE_REASON = "would be further off than instruments are"
 """Reason why a large error of an instrument is not named."""
-MAX_INSTRUMENT_LAG_S = 0.1
+MAX_INSTRUMENT_DELAY_S = 0.1
 """Longest plausible delay of an instrument [s] (assumed: a filter of 1.6 Hz)."""
 DELAY_EFFECTS = frozenset({instrument.SENSOR_LAG.name, instrument.CLOCK_SKEW.name})
 """Faults of an instrument that make its channel late or early, as a filter does; the others are of its calibration."""
@@ -224,7 +224,7 @@ def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, valu
     if effect == instrument.SENSOR_DRIFT.name:
         return abs(values[0]) * max(e.duration for e in data.experiments) <= limit
     if effect == instrument.SENSOR_LAG.name:
-        return values[0] <= MAX_INSTRUMENT_LAG_S
+        return values[0] <= MAX_INSTRUMENT_DELAY_S
     return True
 
 
