@@ -131,7 +131,7 @@ def test_term_that_alone_reaches_the_noise_stands_beside_names_elsewhere(
         assert find_adequate_term(search, base) is not None
         assert find_decisive_term(search, base, named) is None  # in the same equation, names may be a part of the term
         monkeypatch.setattr(data_driven_rival, "locate_term", lambda term: term.effect)
-        monkeypatch.setattr(data_driven_rival, "MAX_EXCESS_FRACTION", 0.05)  # the seal lags by 0.03
+        monkeypatch.setattr(data_driven_rival, "MAX_EXCESS_FRACTION", 0.05)  # the excess of the seal is 0.03
         decisive = find_decisive_term(search, base, named)
         assert decisive is not None
         assert not search.has_misfit(decisive.adequate.fit)

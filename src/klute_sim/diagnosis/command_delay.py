@@ -25,7 +25,7 @@ MIN_BIC_FALL = 10.0
 """Smallest fall of the Bayesian information criterion by which pressures show a delay: very strong evidence after Kass
 and Raftery (1995), J. Am. Stat. Assoc. 90, 773-795."""
 DELAY_STEP_INTERVALS = 0.1
-"""Delay whose influence on the pressures is simulated."""
+"""Delay whose influence on the pressures is simulated (assumed)."""
 DELAY_DEVIATION_INTERVALS = 0.5
 """Standard deviation of the delay (assumed: a log is late by up to one sample)."""
 MAX_DELAY_INTERVALS = 1.4

@@ -77,7 +77,7 @@ def refine_filters(
     if not has_misfit_before and candidates[0].detected_cost - best.refined_cost < MIN_COST_GAIN:
         return preparation
     for _ in range(MAX_REFINEMENTS):
-        refined = prepare([_with_filters(e, best.refined) for e in preparation.experiments])
+        refined = prepare([_replace_filters(e, best.refined) for e in preparation.experiments])
         if not _has_misfit(refined):
             return refined
         best = _compare_cutoffs(refined.data, refined.base_fit, best.refined)
@@ -86,7 +86,7 @@ def refine_filters(
     best = min(candidates, key=lambda candidate: candidate.detected_cost)
     if not _explains_much_more(best, candidates[0]):
         return preparation
-    return prepare([_with_filters(e, best.detected) for e in preparation.experiments])
+    return prepare([_replace_filters(e, best.detected) for e in preparation.experiments])
 
 
 def _explains_much_more(candidate: _Candidate, current: _Candidate) -> bool:
@@ -122,7 +122,7 @@ def reconsider_filters(
     best = min(candidates, key=lambda candidate: candidate.refined_cost)
     if candidates[0].detected_cost - best.refined_cost < MIN_COST_GAIN:
         return outcome
-    refined = search_model(prepare([_with_filters(e, best.refined) for e in outcome.experiments]))
+    refined = search_model(prepare([_replace_filters(e, best.refined) for e in outcome.experiments]))
     if refined.selected.verdict not in ADEQUATE_VERDICTS:
         return outcome
     n_delays = sum(t.effect in DELAY_EFFECTS and t.channel in filtered for t in refined.terms)
@@ -166,7 +166,7 @@ def _compute_residuals(data: WeightedData, fit: Fit, filters: Filters) -> Array:
 
     The parameters of ``fit`` have taken a part of the error of its own filters.
     """
-    filtered = data.with_experiments([_with_filters(e, filters) for e in data.experiments])
+    filtered = data.with_experiments([_replace_filters(e, filters) for e in data.experiments])
     (residuals,) = filtered.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)
     weighted = np.append(data.weight_residuals(residuals), data.compute_prior_residuals(fit.hypothesis, fit.x))
     if not np.isfinite(weighted).all():  # a simulation diverges
@@ -178,7 +178,7 @@ def _scale_cutoffs(filters: Filters, log_factor: float) -> Filters:
     return {channel: each.scale_cutoff(float(np.exp(log_factor))) for channel, each in filters.items()}
 
 
-def _with_filters(experiment: Experiment, filters: Filters) -> Experiment:
+def _replace_filters(experiment: Experiment, filters: Filters) -> Experiment:
     return replace(experiment, filters=filters)
 
 

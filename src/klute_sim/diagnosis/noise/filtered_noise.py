@@ -187,7 +187,10 @@ def detect_low_pass_filters(
         if steep is None or not _has_shape(found, steep.cutoff):
             continue
         passed = [_cut_spectrum(s) for s in found]
-        if _evaluate_filter(passed, steep) <= _evaluate_filter(passed, best) + MAX_SHAPE_LOSS:
+        if (
+            _compute_negative_log_likelihood(passed, steep)
+            <= _compute_negative_log_likelihood(passed, best) + MAX_SHAPE_LOSS
+        ):
             filtered.append(channel)
     if not filtered:
         return []
@@ -248,14 +251,15 @@ def _fit_shape(
     start = replace(shape, cutoff=float(np.exp(np.mean([np.log(each.cutoff) for each in filters.values()]))))
     common = _fit_cutoff([s for channel in filtered for s in spectra[channel]], start)
     losses = {
-        channel: _evaluate_filter(own, common) - _evaluate_filter(own, filters.get(channel, likeliest[channel]))
+        channel: _compute_negative_log_likelihood(own, common)
+        - _compute_negative_log_likelihood(own, filters.get(channel, likeliest[channel]))
         for channel, own in spectra.items()
     }
     is_shared = all(losses[channel] <= MAX_COMMON_LOSS for channel in filtered)
     for channel, loss in losses.items():
         if loss <= MAX_COMMON_LOSS and (is_shared or channel not in filters):
             filters[channel] = replace(common, sampling_rate=rates[channel])
-    total = sum(_evaluate_filter(spectra[channel], filters[channel]) for channel in filtered)
+    total = sum(_compute_negative_log_likelihood(spectra[channel], filters[channel]) for channel in filtered)
     return _Candidate(filters, total, shape.has_delay)
 
 
@@ -269,18 +273,21 @@ def _find_likeliest(spectra: Sequence[Spectrum], shapes: Sequence[LowPassFilter]
     coarse = [
         min(
             (replace(shape, cutoff=float(cutoff)) for cutoff in np.geomspace(lowest, nyquist, N_CUTOFFS)[:-1]),
-            key=lambda tried: _evaluate_filter(passed, tried),
+            key=lambda tried: _compute_negative_log_likelihood(passed, tried),
         )
         for shape in shapes
     ]
-    best = min((_fit_cutoff(passed, each) for each in coarse), key=lambda tried: _evaluate_filter(passed, tried))
+    best = min(
+        (_fit_cutoff(passed, each) for each in coarse),
+        key=lambda tried: _compute_negative_log_likelihood(passed, tried),
+    )
     return best if best.cutoff < MAX_CUTOFF_NYQUIST_FRACTION * nyquist else None
 
 
 def _fit_cutoff(spectra: Sequence[Spectrum], start: LowPassFilter) -> LowPassFilter:
     """Return the most likely filter of the shape and near the cut-off frequency of ``start``."""
     tried = [replace(start, cutoff=start.cutoff * float(factor)) for factor in CUTOFF_FACTORS]
-    return min(tried, key=lambda each: _evaluate_filter(spectra, each))
+    return min(tried, key=lambda each: _compute_negative_log_likelihood(spectra, each))
 
 
 def _cut_spectrum(spectrum: Spectrum) -> Spectrum:
@@ -292,7 +299,7 @@ def _cut_spectrum(spectrum: Spectrum) -> Spectrum:
     return Spectrum(*(values[:end] for values in spectrum))
 
 
-def _evaluate_filter(spectra: Sequence[Spectrum], tried: LowPassFilter) -> float:
+def _compute_negative_log_likelihood(spectra: Sequence[Spectrum], tried: LowPassFilter) -> float:
     """Return the negative logarithm of the likelihood of noise through the filter."""
     return compute_negative_log_likelihood(
         spectra, lambda f: tried.compute_gain(f) ** 2, tried.cutoff * np.array(POLE_FACTORS)

@@ -58,13 +58,13 @@ def find_window(differences: Sequence[tuple[Array, Array]], sampling_rate: float
         windows += [WindowFilter(n, sampling_rate, degree) for n in range(2 * degree + 1, longest + 1, 2)]
     if not windows:
         return None
-    windows.sort(key=lambda window: _evaluate_window(spectra, window, POLE_FACTORS[:1]))
-    values = {window: _evaluate_window(spectra, window, POLE_FACTORS) for window in windows[:N_REFINED]}
-    best = min(values, key=lambda window: values[window])
-    return best if values[best] < sum(map(_evaluate_smooth_spectrum, spectra)) - MIN_WINDOW_GAIN else None
+    windows.sort(key=lambda window: _compute_negative_log_likelihood(spectra, window, POLE_FACTORS[:1]))
+    losses = {window: _compute_negative_log_likelihood(spectra, window, POLE_FACTORS) for window in windows[:N_REFINED]}
+    best = min(losses, key=lambda window: losses[window])
+    return best if losses[best] < sum(map(_compute_smooth_negative_log_likelihood, spectra)) - MIN_WINDOW_GAIN else None
 
 
-def _evaluate_window(spectra: Sequence[Spectrum], tried: WindowFilter, pole_factors: Array) -> float:
+def _compute_negative_log_likelihood(spectra: Sequence[Spectrum], tried: WindowFilter, pole_factors: Array) -> float:
     """Return the negative logarithm of the likelihood of noise through the filter."""
 
     def compute_power(frequency: Array) -> Array:
@@ -76,7 +76,7 @@ def _evaluate_window(spectra: Sequence[Spectrum], tried: WindowFilter, pole_fact
     return compute_negative_log_likelihood(spectra, compute_power, tried.cutoff * pole_factors)
 
 
-def _evaluate_smooth_spectrum(spectrum: Spectrum) -> float:
+def _compute_smooth_negative_log_likelihood(spectrum: Spectrum) -> float:
     """Return the negative logarithm of the likelihood of noise with a smooth spectrum."""
     frequency, power, _ = spectrum
     edges = np.geomspace(frequency[0], frequency[-1], N_SMOOTH_BANDS + 1)[:-1]

@@ -318,8 +318,9 @@ class ForwardSelection:
         min_gain = min(min_gain, max_required_gain)
         min_fall = max(self.bic_threshold, get_min_bic_fall(self.data, after, term))
         if bic_gain <= min_fall:
+            imitator = "noise would" if bic_gain <= self.bic_threshold else "errors between samples might"
             return (
-                f"{term} explains no more than noise would (BIC {format_bic_drop(bic_gain, 1)}; a fall of more than "
+                f"{term} explains no more than {imitator} (BIC {format_bic_drop(bic_gain, 1)}; a fall of more than "
                 f"{min_fall:.0f} is required)"
             )
         known_gain = self._compute_gain_without_misfit(before)

@@ -26,8 +26,8 @@ MIN_SUFFICIENT_DELAY_INTERVALS = 0.1
 """Shortest one that is named where repeats show no misfit beside it (assumed): an error of straight lines between
 samples would remain in other channels."""
 MIN_SHORT_DELAY_BIC_FALL = 18.0
-"""Smallest fall of BIC by which such a short one is named: three times what other names need (assumed: one of a seventh
-of an interval completed a simulated law that was not exact, with a fall of 10)."""
+"""Smallest fall of BIC by which one below :data:`MIN_DELAY_INTERVALS` is named: three times what other names need
+(assumed: one of a seventh of an interval completed a simulated law that was not exact, with a fall of 10)."""
 IMPLAUSIBLE_REASON = "would be further off than instruments are"
 """Reason why a large error of an instrument is not named."""
 MAX_INSTRUMENT_DELAY_S = 0.1
@@ -67,30 +67,21 @@ def find_naming_obstacle(data: WeightedData, fit: Fit, *, accepts_numbers_at_lim
 
 def find_infeasible_terms(fit: Fit) -> dict[EffectTerm, str]:
     """Return the terms of ``fit`` whose parameters no part has, each with the reason, without a full stop."""
-    rows = list(zip(fit.hypothesis.parameters, fit.values, strict=True))
     flaws = {}
-    for index, term in enumerate(fit.hypothesis.terms):
+    for term in fit.hypothesis.terms:
         form = term.form_definition
         if form.find_flaw is not None:
-            values = {parameter.name: value for parameter, value in rows if parameter.term_index == index}
-            flaws[term] = form.find_flaw(form.pack(values))
+            flaws[term] = form.find_flaw(form.pack(_collect_values(fit, term)))
     return {term: flaw for term, flaw in flaws.items() if flaw}
 
 
 def find_implausible_instrument(data: WeightedData, fit: Fit) -> EffectTerm | None:
     """Return an instrument effect of ``fit`` that is larger than those of working instruments; None without any."""
-    hypothesis = fit.hypothesis
-    for index, term in enumerate(hypothesis.terms):
-        if term.channel is not None and term.effect_definition is not instrument.QUANTIZATION:
-            values = [
-                value
-                for parameter, value in zip(hypothesis.parameters, fit.values, strict=True)
-                if parameter.term_index == index
-            ]
-            if term.effect == instrument.SENSOR_LAG.name:
-                values = [compute_delay(fit, term)]
-            if not _is_plausible_instrument(data, term.effect, term.channel, values):
-                return term
+    for term in fit.hypothesis.terms:
+        if term.channel is None or term.effect_definition is instrument.QUANTIZATION:
+            continue
+        if not _is_plausible_instrument(data, fit, term, term.channel):
+            return term
     return None
 
 
@@ -147,9 +138,13 @@ def get_min_bic_fall(data: WeightedData, fit: Fit, term: EffectTerm) -> float:
 
 def compute_delay(fit: Fit, term: EffectTerm) -> float:
     """Return how late ``term`` of ``fit``, one of :data:`DELAY_EFFECTS`, makes its channel [s]."""
+    return instrument.compute_delay(term.form_definition, _collect_values(fit, term))
+
+
+def _collect_values(fit: Fit, term: EffectTerm) -> dict[str, float]:
+    """Return name -> value of the parameters of ``term`` in ``fit``, each in its own unit."""
     index, rows = fit.hypothesis.terms.index(term), zip(fit.hypothesis.parameters, fit.values, strict=True)
-    values = {parameter.name: float(value) for parameter, value in rows if parameter.term_index == index}
-    return instrument.compute_delay(term.form_definition, values)
+    return {parameter.name: float(value) for parameter, value in rows if parameter.term_index == index}
 
 
 def _find_relevant_interval(data: WeightedData, channel: str | None) -> float:
@@ -213,18 +208,19 @@ def _list_admissible_limits(hypothesis: Hypothesis, term: EffectTerm, parameter:
     return (*upper_bounds, *(limit for limit in valid_limits if limit not in bounds))
 
 
-def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, values: list[float]) -> bool:
+def _is_plausible_instrument(data: WeightedData, fit: Fit, term: EffectTerm, channel: str) -> bool:
+    value, *_ = _collect_values(fit, term).values()
     readings = [e.measured[channel].value for e in data.experiments if channel in e.measured]
     span = float(np.ptp(np.concatenate(readings)))
     limit = MAX_INSTRUMENT_FRACTION * span / CHANNEL_UNITS[channel][1]
-    if effect == instrument.SENSOR_GAIN.name:
-        return abs(values[0] - 1.0) <= MAX_INSTRUMENT_FRACTION
-    if effect == instrument.SENSOR_OFFSET.name:
-        return abs(values[0]) <= limit
-    if effect == instrument.SENSOR_DRIFT.name:
-        return abs(values[0]) * max(e.duration for e in data.experiments) <= limit
-    if effect == instrument.SENSOR_LAG.name:
-        return values[0] <= MAX_INSTRUMENT_DELAY_S
+    if term.effect == instrument.SENSOR_GAIN.name:
+        return abs(value - 1.0) <= MAX_INSTRUMENT_FRACTION
+    if term.effect == instrument.SENSOR_OFFSET.name:
+        return abs(value) <= limit
+    if term.effect == instrument.SENSOR_DRIFT.name:
+        return abs(value) * max(e.duration for e in data.experiments) <= limit
+    if term.effect == instrument.SENSOR_LAG.name:
+        return compute_delay(fit, term) <= MAX_INSTRUMENT_DELAY_S
     return True
 
 

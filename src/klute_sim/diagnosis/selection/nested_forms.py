@@ -1,8 +1,8 @@
 """Fits of forms of an effect beside those of its simpler forms: one that contains another cannot explain less.
 
 Where a form explains less than one with fewer parameters, which all have counterparts in it, its fit may have ended in
-a local minimum, and begins again where the simpler form ended. A form whose
-parameter ends at its bound may be part of such a form, too: a valve that is symmetric in part only.
+a local minimum, and begins again where the simpler form ended. A form whose parameter ends at its bound may be part of
+such a form, too: a valve that is symmetric in part only.
 """
 
 from collections.abc import Sequence

@@ -6,8 +6,8 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import group_repeats
 
-REFIT_MAX_NFEV = 4
-"""Maximum number of function evaluations of a refit without one group."""
+LEFT_OUT_MAX_NFEV = 4
+"""Maximum number of function evaluations of a refit without one group (assumed)."""
 
 
 def compute_validation_chi2(
@@ -38,7 +38,7 @@ def _cross_validate(data: WeightedData, fits: Sequence[Fit], specimen: str | Non
     for group in groups:
         training = data.with_experiments([e for e in experiments if e.group != group])
         held_out = data.with_experiments([e for e in experiments if e.group == group])
-        refits = [fit_hypothesis(training, fit.hypothesis, fit.x, max_nfev=REFIT_MAX_NFEV) for fit in fits]
+        refits = [fit_hypothesis(training, fit.hypothesis, fit.x, max_nfev=LEFT_OUT_MAX_NFEV) for fit in fits]
         chi2[group] = [compute_chi2(held_out, refit) for refit in refits]
     return chi2
 

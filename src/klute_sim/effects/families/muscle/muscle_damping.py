@@ -5,6 +5,7 @@ thick; that of the braid is a share of the gas tension, and grows with the squar
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
@@ -13,7 +14,7 @@ from klute_sim.units import BAR
 
 REFERENCE_SPEED = 0.1
 """Speed at which all exponents have the same force [m/s] (assumed: a middle one of the bench's ramps)."""
-POWER_LAW_SPEED = 5e-3
+TRANSITION_SPEED = 5e-3
 """Speed below which a power law becomes linear [m/s] (assumed: an elastomer has a slowest time of relaxation)."""
 
 
@@ -36,31 +37,32 @@ def power_law_force(
 ) -> float:
     """Return the tension [N] plus ``n c v ((v^2 + v_t^2) / (v_r^2 + v_t^2))^((m - 1) / 2)``.
 
-    ``v_r`` is :data:`REFERENCE_SPEED` and ``v_t`` :data:`POWER_LAW_SPEED`; with ``m = 1`` it is :func:`viscous_force`.
+    ``v_r`` is :data:`REFERENCE_SPEED` and ``v_t`` :data:`TRANSITION_SPEED`; with ``m = 1`` it is :func:`viscous_force`.
     """
-    speed_ratio = math.hypot(velocity, POWER_LAW_SPEED) / math.hypot(REFERENCE_SPEED, POWER_LAW_SPEED)
+    speed_ratio = math.hypot(velocity, TRANSITION_SPEED) / math.hypot(REFERENCE_SPEED, TRANSITION_SPEED)
     return force + muscle.n_actuators * p.coefficient * velocity * speed_ratio ** (p.exponent - 1.0)
 
 
+COEFFICIENT = EffectParameter(
+    key="coefficient_n_s_per_m",
+    neutral=0.0,
+    lower=0.0,
+    upper=10000.0,
+    typical=150.0,
+    source="dissertation chapter 3: 6 % less tension at 300 mm/s is about 147 N s/m; upper end assumed",
+    diameter_exponent=1.0,
+)
+"""Tension per speed of one muscle."""
+
 MUSCLE_DAMPING = Effect(
     name="muscle_damping",
-    description="Rubber and braid resist motion the more, the faster it is.",
+    description="Rubber and braid resist motion, and more so the faster it is.",
     kind="device",
     forms=(
         EffectForm(
             name="viscous",
             equation="F += n c v",
-            parameters=(
-                EffectParameter(
-                    key="coefficient_n_s_per_m",
-                    neutral=0.0,
-                    lower=0.0,
-                    upper=10000.0,
-                    typical=150.0,
-                    source="dissertation chapter 3: 6 % less tension at 300 mm/s is about 147 N s/m; upper end assumed",
-                    diameter_exponent=1.0,
-                ),
-            ),
+            parameters=(COEFFICIENT,),
             laws={"muscle_force": viscous_force},
         ),
         EffectForm(
@@ -83,14 +85,9 @@ MUSCLE_DAMPING = Effect(
             name="power_law",
             equation="F += n c v ((v^2 + v_t^2) / (v_r^2 + v_t^2))^((m - 1)/2)",
             parameters=(
-                EffectParameter(
-                    key="coefficient_n_s_per_m",
-                    neutral=0.0,
-                    lower=0.0,
-                    upper=10000.0,
-                    typical=150.0,
+                replace(
+                    COEFFICIENT,
                     source="as viscous, at v_r = 0.1 m/s; linear below v_t = 5 mm/s; both and the upper end assumed",
-                    diameter_exponent=1.0,
                 ),
                 EffectParameter(
                     key="exponent",
