@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Identity
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.result import Diagnosis
 
@@ -40,17 +40,13 @@ def collect_evidence(diagnosis: Diagnosis) -> dict[EffectTerm, NameEvidence]:
     else:
         n, best_bic = diagnosis.n_independent, diagnosis.final_fit.bic(diagnosis.n_independent)
         gain = explained = diagnosis.base_fit.bic(n) - best_bic
-        errors = [(_list_identities(fit), fit.bic(n) - best_bic) for fit in _iter_fits(diagnosis)]
+        errors = [(fit.identities, fit.bic(n) - best_bic) for fit in _iter_fits(diagnosis)]
     evidence = {}
     for term in terms:
         excesses = [excess for identities, excess in errors if term.identity not in identities]
         margin = min([gain, *excesses]) / gain if gain > 0.0 else 0.0
         evidence[term] = NameEvidence(explained, min(1.0, max(0.0, margin)))
     return evidence
-
-
-def _list_identities(fit: Fit) -> frozenset[Identity]:
-    return frozenset(term.identity for term in fit.hypothesis.terms)
 
 
 def _iter_fits(diagnosis: Diagnosis) -> Iterator[Fit]:

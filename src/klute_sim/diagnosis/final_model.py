@@ -27,6 +27,7 @@ from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
 from klute_sim.diagnosis.result import DiagnosisOptions, Verdict
 from klute_sim.diagnosis.selection.bounds import has_value_at_bound
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.law_error import find_simpler_rival
 from klute_sim.diagnosis.selection.main_effect import find_rivals_of_main_effect
 from klute_sim.diagnosis.selection.naming import (
     describe_coincidence,
@@ -88,9 +89,14 @@ def select_adequate_model(
         verdict, equivalent_models, reasons = "indistinguishable", [rival.model], [rival.sentence, *reasons]
     if verdict == "unexplained":  # proxies have no alternatives
         equivalent_models = []
-    elif rivals := find_rivals_of_main_effect(search, base_fit, final_fit):
-        verdict, equivalent_models = "indistinguishable", [*equivalent_models, *rivals]
-        reasons.append(_describe_rivals(final_fit, search.history[0].added_term, rivals))
+    else:
+        if rivals := find_rivals_of_main_effect(search, base_fit, final_fit):
+            verdict, equivalent_models = "indistinguishable", [*equivalent_models, *rivals]
+            reasons.append(_describe_rivals(final_fit, search.history[0].added_term, rivals))
+        simpler = find_simpler_rival(search, base_fit, final_fit)
+        if simpler and all(simpler.model.fit.identities != model.fit.identities for model in equivalent_models):
+            verdict, equivalent_models = "indistinguishable", [*equivalent_models, simpler.model]
+            reasons.append(simpler.sentence)
     if verdict in ("identified", "indistinguishable") and has_value_at_bound(final_fit):
         return None
     return FinalModel(

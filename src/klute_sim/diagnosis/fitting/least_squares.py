@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import Hypothesis, Identity
 from klute_sim.diagnosis.fitting.secant import SecantJacobian
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import Residuals
@@ -61,6 +61,11 @@ class Fit:
     def has_diverged(self) -> bool:
         """Whether a simulation of the fit diverges; its chi squared is infinite then."""
         return not np.isfinite(self.chi2)
+
+    @property
+    def identities(self) -> frozenset[Identity]:
+        """What the terms of the hypothesis stand for."""
+        return frozenset(term.identity for term in self.hypothesis.terms)
 
     @property
     def values(self) -> list[float]:

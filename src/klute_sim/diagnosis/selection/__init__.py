@@ -3,6 +3,7 @@
 Modules in order of dependence: ``selection_step`` and ``candidates``; ``screening`` and ``pair_screening`` (linear
 prediction of gains); ``refits``, ``nested_forms``, ``naming`` (obstacles to a name), ``bounds`` and
 ``validation``; ``forward_selection``, ``robustness`` (smaller models, multi-start convergence, equivalent models),
-``main_effect`` (rivals of an effect that explains nearly all) and ``deviating_specimen``; ``predictive_model`` and
-``predictive_selection`` (where the law is imperfect).
+``main_effect`` (rivals of an effect that explains nearly all), ``law_error`` (further effects that may stand for an
+error of a law) and ``deviating_specimen``; ``predictive_model`` and ``predictive_selection`` (where the law is
+imperfect).
 """

@@ -1,0 +1,124 @@
+"""Simpler models beside which the error of a law would explain what further effects do.
+
+No law is exact. What further effects add beside a far larger one may be an error of its law. So may what the larger one
+would explain, too, if its size varied with the pressure or the muscle length: a friction of the seal that grows with
+the pressure is no friction of the braid beside it. The larger effect alone, in another form, is as likely then.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from klute_sim.diagnosis.experiments.simulator import simulate_once
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.weighted_data import WeightedData
+from klute_sim.diagnosis.selection.bounds import refine_effects
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.main_effect import MAX_FORM_EXCESS_FRACTION
+from klute_sim.diagnosis.selection.robustness import EquivalentModel
+from klute_sim.types import Array
+
+MIN_VARIATION_SHARE = 0.75
+"""Share of what further effects explain, from which on a variation of the effects before them explains it as well
+(assumed: with three frictions of a seal that grow with the pressure it was 0.87 to 0.94, with eight pairs and triples
+of hidden effects at most 0.15)."""
+
+
+class SimplerRival(NamedTuple):
+    """A model without the last effects, which an error of the laws of the others may replace."""
+
+    model: EquivalentModel
+    """The model, which leaves a misfit."""
+    sentence: str
+    """Why the last effects are not certain."""
+
+
+def find_simpler_rival(search: ForwardSelection, base_fit: Fit, final_fit: Fit) -> SimplerRival | None:
+    """Return the simplest model with some of the effects of ``final_fit`` that is as likely; None without one.
+
+    It has the effects that were added first. Those that follow gain at most :data:`MAX_FORM_EXCESS_FRACTION` of what it
+    gains, or a variation of its effects explains :data:`MIN_VARIATION_SHARE` of what they do. ``base_fit`` has no added
+    effects. A mechanism has several pressures and lengths, so its effects are not varied.
+    """
+    if not search.has_repeats:
+        return None
+    n_base = len(base_fit.hypothesis.terms)
+    names = final_fit.hypothesis.terms[n_base:]
+    for step in search.history[1:]:
+        first = step.initial_fit.hypothesis.terms[n_base:]
+        # Numbers and instruments have no law of their own.
+        if len(first) >= len(names) or any(term.number or term.channel for term in first):
+            break
+        if not step.initial_fit.identities < final_fit.identities:
+            continue
+        smaller_fit = refine_effects(search.data, step.initial_fit)
+        remainder = smaller_fit.chi2 - final_fit.chi2
+        if remainder <= 0.0:
+            continue
+        first_names = _join(first)
+        further_names = _join(term for term in names if term.identity not in step.initial_fit.identities)
+        if remainder <= MAX_FORM_EXCESS_FRACTION * (base_fit.chi2 - smaller_fit.chi2):
+            evidence = f"{further_names} would add little to {first_names}"
+        elif variable := _find_variable(search.data, smaller_fit, n_base, MIN_VARIATION_SHARE * remainder):
+            evidence = f"If {first_names} varied with the {variable}, this would explain {further_names}, too"
+        else:
+            continue
+        sentence = (
+            f"{evidence}, which may stand for an error of the law of {first_names}. So {first_names} alone, in a form "
+            "that is not in the catalogue, is as likely."
+        )
+        n = search.data.n_effective
+        model = EquivalentModel(smaller_fit, smaller_fit.bic(n) - final_fit.bic(n), reaches_noise=False)
+        return SimplerRival(model, sentence)
+    return None
+
+
+def _find_variable(data: WeightedData, fit: Fit, n_base: int, min_fall: float) -> str:
+    """Return on what the effects of ``fit`` would have to depend for chi squared to fall by ``min_fall``; '' if none.
+
+    A variation is linear in the pressure or in the muscle length, and enters linearly: the derivative of the readings
+    by the size of an effect is multiplied at each sample.
+    """
+    if data.experiments[0].devices:
+        return ""
+    chi2 = _compute_linear_chi2(fit, [])
+    for variable, sensitivities in _iterate_variations(data, fit, n_base):
+        if chi2 - _compute_linear_chi2(fit, sensitivities) >= min_fall:
+            return variable
+    return ""
+
+
+def _iterate_variations(data: WeightedData, fit: Fit, n_base: int) -> Iterator[tuple[str, list[Array]]]:
+    """Yield each variable with the derivatives of the weighted residuals by the variations of all sizes."""
+    setups = fit.hypothesis.build_setups(fit.x, data.experiments)
+    responses = [simulate_once(setup, e) for setup, e in zip(setups, data.experiments, strict=True)]
+    sizes = [
+        fit.jacobian[:, k]
+        for k, parameter in enumerate(fit.hypothesis.parameters)
+        if parameter.term_index is not None and parameter.term_index >= n_base and not parameter.is_logarithmic
+    ]
+    for variable, values in (
+        ("pressure", [response.pressure for response in responses]),
+        ("muscle length", [response.muscle_length for response in responses]),
+    ):
+        largest = max(float(np.abs(v).max()) for v in values)
+        factors = []
+        for e, response, value, weights in zip(data.experiments, responses, values, data.weights, strict=True):
+            factors += [np.interp(e.measured[c].time, response.time, value) / largest for c in weights]
+        factor = np.concatenate(factors) if factors else np.zeros(0)
+        n_priors = len(fit.weighted_residuals) - len(factor)
+        yield variable, [np.concatenate([factor, np.zeros(n_priors)]) * size for size in sizes]
+
+
+def _compute_linear_chi2(fit: Fit, sensitivities: list[Array]) -> float:
+    """Return chi squared of ``fit`` with further parameters of given ``sensitivities``, by linearisation."""
+    columns = np.column_stack([fit.jacobian, *sensitivities])
+    target = -fit.weighted_residuals
+    residual = columns @ np.linalg.lstsq(columns, target)[0] - target
+    return float(residual @ residual)
+
+
+def _join(terms: Iterable[EffectTerm]) -> str:
+    return " and ".join(map(str, terms))
