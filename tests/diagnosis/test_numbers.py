@@ -178,6 +178,7 @@ def test_number_at_the_limit_of_its_declared_uncertainty_forbids_a_name() -> Non
     named = declared.with_term(friction)
     assert find_numbers_at_limit(make_fit(named, np.array([-3.0, 0.1]))) == [slack]
     assert slack in find_naming_obstacle(data, make_fit(named, np.array([-3.0, 0.1])))
+    assert slack in find_naming_obstacle(data, make_fit(named, np.array([-2.97, 0.1])))  # just short of it
     assert not find_naming_obstacle(data, make_fit(named, np.array([-2.9, 0.1])))
     assert not find_naming_obstacle(data, make_fit(declared, np.array([3.0])))  # nothing is named
     # A limit of physics, here that of a positive number, is a value like others.

@@ -8,7 +8,7 @@ import numpy as np
 from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.dependent_numbers import limit_to_valid
-from klute_sim.diagnosis.fitting.hypothesis import PRIOR_BOUND_SIGMAS, EffectTerm, FitParameter, Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, KEYS_WITHOUT_UPPER_LIMIT
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
@@ -38,6 +38,9 @@ MAX_NUMBER_SIGMAS = 3.0
 """Error of a number, in plausible errors, up to which it may be the only name, or the first of equivalent ones
 (assumed: a larger one is rarer than an effect that is in no catalogue; simulated numbers were wrong by up to three, and
 those that two thick walls imitated by 3.4 and 3.7)."""
+MIN_SIGMAS_AT_LIMIT = 2.95
+"""Error of an uncertain number, in standard deviations, from which on it is at the limit of its uncertainty, which is
+:data:`~klute_sim.diagnosis.fitting.hypothesis.PRIOR_BOUND_SIGMAS` (assumed: a fit may stop just short of it)."""
 MIN_COINCIDENT_CAUSES = 3
 """Number of independent causes that a fit alone cannot prove at once: kinds (number, instrument, device, mechanism,
 body), or faults of numbers and instruments (assumed: three are rarer than one effect outside the catalogue)."""
@@ -172,11 +175,9 @@ def find_numbers_at_limit(fit: Fit) -> list[str]:
 
     A limit of physics, such as a bladder on its braid, is a value like others.
     """
-    return [
-        fit.hypothesis.parameters[index].name
-        for index, bound in fit.find_bounds_reached().items()
-        if index < fit.hypothesis.n_prior_parameters and math.isclose(abs(bound), PRIOR_BOUND_SIGMAS)
-    ]
+    n_priors = fit.hypothesis.n_prior_parameters
+    deviations = zip(fit.hypothesis.parameters[:n_priors], fit.x[:n_priors], strict=True)
+    return [parameter.name for parameter, x in deviations if abs(x) >= MIN_SIGMAS_AT_LIMIT]
 
 
 def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter, float]]:
