@@ -95,13 +95,17 @@ def _drop_diverging_trials(data: WeightedData, fits: Sequence[Fit]) -> tuple[Wei
 
 
 def find_adequate_model(
-    search: ForwardSelection, base_fit: Fit, selection: PredictiveSelection, result: PredictiveResult
+    search: ForwardSelection, base_fit: Fit, final_fit: Fit, selection: PredictiveSelection, result: PredictiveResult
 ) -> Fit | None:
     """Return a model of the ``result`` of ``selection`` that reaches the noise between repeats and passes validation.
 
     None if there is no such model. One-at-a-time search passes by a pair of which neither effect explains much alone. A
     set that predictions refuse because a part of it predicts nearly as well may be the only one that reaches the noise.
+    More names are no answer where the ``final_fit`` of that search reaches the noise, too, is better, and may not be
+    named because of a value at its bound: the missing effect resembles it.
     """
+    n, n_names = search.data.n_effective, len(final_fit.hypothesis.terms)
+    max_bic = np.inf if search.has_misfit(final_fit) else final_fit.bic(n) + search.bic_threshold
     by_bic = sorted(
         (model for model in result.models if model.terms and not find_naming_obstacle(selection.data, model.fit)),
         key=lambda model: model.fit.bic(selection.data.n_effective),
@@ -109,6 +113,8 @@ def find_adequate_model(
     for model in by_bic[:MAX_ADEQUATE_MODELS]:
         refit = search.complete(fit_hypothesis(search.data, model.fit.hypothesis, model.fit.x))
         if search.has_misfit(refit) or find_naming_obstacle(search.data, refit):
+            continue
+        if len(refit.hypothesis.terms) > n_names and refit.bic(n) > max_bic:
             continue
         if not search.rejection_reason(base_fit, refit, search.compute_validation_gains(base_fit, refit)):
             return refit

@@ -307,7 +307,9 @@ def _select_model(
     selection, result = select_by_prediction(
         search, experiments, final_fit, lambda stage: progress(0.5, stage), options.seed
     )
-    adequate_fit = find_adequate_model(search, base_fit, selection, result) if search.has_repeats else None
+    adequate_fit = None
+    if search.has_repeats:
+        adequate_fit = find_adequate_model(search, base_fit, final_fit, selection, result)
     if adequate_fit is not None:
         selected = select_adequate_model(search, base_fit, adequate_fit, options, progress)
         if selected is not None:
