@@ -1,12 +1,14 @@
 """Further effects that may stand for an error of the law of an effect before them."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from benchmarks.hidden_effects import generate
 
-from klute_sim.datasets.dataset import load_dataset
+from klute_sim.datasets.dataset import Dataset, load_dataset
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.base import DeviceResponse
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -15,9 +17,11 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise
+from klute_sim.diagnosis.planning import next_experiment
 from klute_sim.diagnosis.selection import law_error
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.law_error import find_simpler_rival
+from klute_sim.diagnosis.selection.robustness import EquivalentModel
 from klute_sim.diagnosis.selection.selection_step import SelectionStep
 from klute_sim.diagnosis.workflow import diagnose
 from klute_sim.types import Array
@@ -144,6 +148,21 @@ def test_other_models_have_no_simpler_rival(terms: tuple[EffectTerm, ...], main:
 def test_without_repeats_there_is_no_simpler_rival() -> None:
     search = make_search(make_fit(SEAL, chi2=110.0), has_repeats=False)
     assert find_simpler_rival(search, make_fit(chi2=1e4), make_fit(SEAL, BRAID, chi2=100.0)) is None
+
+
+@pytest.mark.parametrize("terms", [(SEAL,), (BRAID,), (SEAL, DAMPING)])
+def test_next_experiment_separates_other_causes_than_an_error_of_a_law(
+    terms: tuple[EffectTerm, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = WeightedData(Simulator(1), make_repeats([np.zeros(N_SAMPLES)] * 2), NOISE)
+    proposal = SimpleNamespace(to_dict=lambda: {"sentence": "Record it."})
+    monkeypatch.setattr(next_experiment, "propose_experiment", lambda *_: proposal)
+    final, dataset = make_fit(SEAL, BRAID, chi2=100.0), cast("Dataset", SimpleNamespace(rig="bench", device=None))
+    rival = EquivalentModel(make_fit(*terms, chi2=110.0), 10.0, reaches_noise=False)
+    proposed = next_experiment.propose_next_experiment(data, dataset, final, [rival])
+    assert (proposed is None) == (terms in [(SEAL,), (BRAID,)])
+    proposed = next_experiment.propose_next_experiment(data, dataset, final, [rival._replace(reaches_noise=True)])
+    assert proposed == {"sentence": "Record it."}
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ verdict, and they decide which device is recommended.
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -59,9 +58,7 @@ from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.noise.p_value import compute_p_value
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
 from klute_sim.diagnosis.planning.direct_measurements import list_direct_measurements
-from klute_sim.diagnosis.planning.gait_proposals import GaitProposal, propose_gait_experiment
-from klute_sim.diagnosis.planning.joint_proposals import propose_joint_experiment
-from klute_sim.diagnosis.planning.proposals import ExperimentProposal, propose_experiment
+from klute_sim.diagnosis.planning.next_experiment import propose_next_experiment
 from klute_sim.diagnosis.recording_faults import suspect_absolute_pressures
 from klute_sim.diagnosis.remarks import (
     describe_contradicted_numbers,
@@ -220,9 +217,7 @@ def _run_workflow(
             partial(_compute_interval, selected),
         )
         progress(0.85, "searching for an experiment that separates the equivalent models")
-        diagnosis.next_experiment = _propose_next_experiment(
-            selected.data, dataset, final_fit, equivalent_models[0].fit
-        )
+        diagnosis.next_experiment = propose_next_experiment(selected.data, dataset, final_fit, equivalent_models)
     progress(0.95, "evaluating the test trials")
     evaluate_held_out(diagnosis, search.data)
     if not diagnosis.has_proxies:  # proxies show no effect
@@ -343,18 +338,6 @@ def _select_deviating_specimen(
         return None
     search.history, search.candidate_terms = extended.history, extended.candidate_terms
     return selected
-
-
-def _propose_next_experiment(data: WeightedData, dataset: Dataset, final_fit: Fit, rival: Fit) -> dict[str, Any] | None:
-    """Return the entry of ``verdict.json``; None where no experiment can be simulated."""
-    proposal: ExperimentProposal | GaitProposal | None
-    if dataset.rig == "bench":
-        proposal = propose_experiment(data, dataset.device, final_fit, rival)
-    elif dataset.rig == "gait":
-        proposal = propose_gait_experiment(data, final_fit, rival)
-    else:
-        proposal = propose_joint_experiment(data, dataset, final_fit, rival)
-    return None if proposal is None else proposal.to_dict()
 
 
 def fit_base_device(
