@@ -7,7 +7,16 @@ from typing import Any
 
 import numba
 
-COMPILED_SOURCES = ("air.py", "air_space.py", "compiled.py", "damper.py", "joint_truth.py", "law.py", "truth.py")
+COMPILED_SOURCES = (
+    "air.py",
+    "air_space.py",
+    "compiled.py",
+    "damper.py",
+    "joint_truth.py",
+    "law.py",
+    "rubber.py",
+    "truth.py",
+)
 """Files with compiled functions, which call each other."""
 SOURCES_DIGEST = hashlib.sha256(
     b"".join((Path(__file__).parent / name).read_bytes() for name in COMPILED_SOURCES)

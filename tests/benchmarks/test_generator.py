@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.hidden_effects import air, catalogue, compiled, device, generate, inputs, plan, set_up, simulate, truth
+from benchmarks.hidden_effects import air, catalogue, device, generate, inputs, plan, set_up, simulate, truth
 from benchmarks.hidden_effects import law as laws
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -244,12 +244,6 @@ def test_quantization_follows_noise(tmp_path: Path) -> None:
         force = np.array([row["force [N]"] for row in csv.DictReader(stream)], float)
     np.testing.assert_allclose(force / 12.0, np.round(force / 12.0), atol=1e-9)
     assert len(np.unique(force)) > 10
-
-
-def test_compiled_cache_depends_on_all_sources() -> None:
-    users = {file.name for file in HOME.glob("*.py") if "@cached_njit" in file.read_text("utf-8")}
-    assert users <= set(compiled.COMPILED_SOURCES)
-    assert laws.rate_dependent_tension.py_func.__qualname__.endswith(compiled.SOURCES_DIGEST)
 
 
 @pytest.mark.long
