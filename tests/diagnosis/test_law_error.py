@@ -116,6 +116,20 @@ def test_effect_whose_size_varies_is_as_likely_as_a_further_one(variation: Array
         )
 
 
+@pytest.mark.parametrize("pressure_pa", [0.0, np.nan])
+def test_device_without_pressure_varies_with_its_length_alone(
+    pressure_pa: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time = np.arange(N_SAMPLES) * 0.005
+    response = DeviceResponse(time, np.zeros(N_SAMPLES), np.full(N_SAMPLES, pressure_pa), MUSCLE_LENGTH_M)
+    monkeypatch.setattr(law_error, "simulate_once", lambda setup, experiment: response)
+    first = make_seal_fit(3.0 * SEAL_FORCE * (PHASE - 0.5))
+    final = make_fit(SEAL, BRAID, chi2=1.0)
+    rival = find_simpler_rival(make_search(first), make_fit(chi2=2.0 * first.chi2), final)
+    assert rival is not None
+    assert "varied with the muscle length" in rival.sentence
+
+
 def test_smallest_of_several_models_is_the_rival() -> None:
     first, second = make_fit(SEAL, chi2=150.0), make_fit(SEAL, BRAID, chi2=110.0)
     search = make_search(first)

@@ -104,6 +104,8 @@ def _iterate_variations(data: WeightedData, fit: Fit, n_base: int) -> Iterator[t
         ("muscle length", [response.muscle_length for response in responses]),
     ):
         largest = max(float(np.abs(v).max()) for v in values)
+        if not 0.0 < largest < np.inf:  # a device without a muscle has no pressure
+            continue
         factors = []
         for e, response, value, weights in zip(data.experiments, responses, values, data.weights, strict=True):
             factors += [np.interp(e.measured[c].time, response.time, value) / largest for c in weights]
