@@ -106,12 +106,13 @@ def _iterate_variations(data: WeightedData, fit: Fit, n_base: int) -> Iterator[t
         largest = max(float(np.abs(v).max()) for v in values)
         if not 0.0 < largest < np.inf:  # a device without a muscle has no pressure
             continue
-        factors = []
-        for e, response, value, weights in zip(data.experiments, responses, values, data.weights, strict=True):
-            factors += [np.interp(e.measured[c].time, response.time, value) / largest for c in weights]
-        factor = np.concatenate(factors) if factors else np.zeros(0)
-        n_priors = len(fit.weighted_residuals) - len(factor)
-        yield variable, [np.concatenate([factor, np.zeros(n_priors)]) * size for size in sizes]
+        factors = [
+            np.interp(e.measured[channel].time, response.time, value) / largest
+            for e, response, value, weights in zip(data.experiments, responses, values, data.weights, strict=True)
+            for channel in weights
+        ]
+        factor = np.concatenate([*factors, np.zeros(fit.hypothesis.n_prior_parameters)])
+        yield variable, [factor * size for size in sizes]
 
 
 def _compute_linear_chi2(fit: Fit, sensitivities: list[Array]) -> float:
