@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from klute_sim.diagnosis.experiments.low_pass import LowPassFilter
-from klute_sim.diagnosis.noise.filtered_noise import detect_low_pass_filters
+from klute_sim.diagnosis.noise.filtered_noise import _add_filters, detect_low_pass_filters
 from tests.diagnosis.filtered_signals import RATE_HZ, REVERSALS, TIME, amplify, filter_twice, make_noise
+from tests.diagnosis.synthetic_dataset import make_repeats
 
 
 def detect(*forces: np.ndarray) -> LowPassFilter | None:
@@ -105,6 +106,14 @@ def test_filter_without_clear_evidence_has_no_delay() -> None:
 )
 def test_other_noise_shows_no_filter(change: Callable[[np.ndarray], np.ndarray]) -> None:
     assert detect(*(change(REVERSALS + make_noise(k)) for k in range(2))) is None
+
+
+def test_record_shorter_than_the_ends_of_its_filter_is_left_out() -> None:
+    trials = [make_repeats([np.linspace(0.0, 500.0, n)])[0] for n in (2000, 100)]
+    long, short = (_add_filters(e, {"force": LowPassFilter(2.0, 2, RATE_HZ)}) for e in trials)
+    assert trials[1].measured["force"].time[-1] < 2.0 * short.filters["force"].end_time
+    assert not short.measured
+    assert 2 <= len(long.measured["force"].time) < 2000
 
 
 def test_short_records_show_no_filter() -> None:

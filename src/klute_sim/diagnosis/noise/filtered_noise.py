@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.base import MIN_SERIES_SAMPLES, Experiment
 from klute_sim.diagnosis.experiments.channel_filter import ChannelFilter, Filters
 from klute_sim.diagnosis.experiments.low_pass import FilterKind, LowPassFilter
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -80,7 +80,8 @@ def add_low_pass_filters(
     """Return ``experiments`` with the filters detected in ``fit_experiments``, and others that the noise permits.
 
     ``sampling_rates`` [Hz] are those of the measured channels before samples were left out. Samples near the ends of a
-    filtered record are left out. Channels without repeats get no filter.
+    filtered record are left out, and a record that is shorter than its ends is left out completely. Channels without
+    repeats get no filter.
     """
     values = [{channel: series.value for channel, series in e.measured.items()} for e in fit_experiments]
     residuals = simulator.compute_nominal_residuals(fit_experiments)
@@ -105,10 +106,12 @@ def _compare_repeats(
 
 
 def _add_filters(experiment: Experiment, filters: Filters) -> Experiment:
-    measured = {
+    """Return ``experiment`` with ``filters``, without the channels that are shorter than their ends."""
+    trimmed = {
         channel: filters[channel].trim_ends(series) if channel in filters else series
         for channel, series in experiment.measured.items()
     }
+    measured = {channel: series for channel, series in trimmed.items() if len(series.time) >= MIN_SERIES_SAMPLES}
     return replace(experiment, measured=measured, filters=filters)
 
 
@@ -123,7 +126,7 @@ def describe_low_pass_filters(experiments: Sequence[Experiment], detected: Filte
     if filters:
         start = "The noise shows that these channels were low-pass filtered, so the simulated ones are, too"
         sentences.append(f"{start}: {_list_filters(filters)}. {_describe_delay(filters)}")
-    unused = {channel: each for channel, each in detected.items() if channel not in filters}
+    unused = {channel: other for channel, other in detected.items() if channel not in filters}
     if unused:
         sentences.append(
             f"The noise shows that these channels were low-pass filtered: {_list_filters(unused)}. They agree better "
@@ -133,19 +136,19 @@ def describe_low_pass_filters(experiments: Sequence[Experiment], detected: Filte
 
 
 def _list_filters(filters: Filters) -> str:
-    return ", ".join(f"'{channel}' ({_describe_filter(found)})" for channel, found in filters.items())
+    return ", ".join(f"'{channel}' ({_describe_filter(applied)})" for channel, applied in filters.items())
 
 
 def _describe_delay(filters: Filters) -> str:
-    if not any(found.has_delay for found in filters.values()):
+    if not any(applied.has_delay for applied in filters.values()):
         return "They are taken to have no delay (zero lag); state that of an amplifier in [delay]."
-    if any(found.lateness for found in filters.values()):
+    if any(applied.lateness for applied in filters.values()):
         return "The simulation has their delay, too."
     return "The inputs are as late as these channels, or the delays were subtracted."
 
 
-def _describe_filter(found: ChannelFilter) -> str:
-    return found.words + (f", delay {1e3 * found.delay:.3g} ms" if found.has_delay else "")
+def _describe_filter(applied: ChannelFilter) -> str:
+    return applied.words + (f", delay {1e3 * applied.delay:.3g} ms" if applied.has_delay else "")
 
 
 def detect_filters(
@@ -156,8 +159,8 @@ def detect_filters(
     ``differences`` between repeats are pairs of times [s] (n,) and values [SI] (n,); ``sampling_rates`` [Hz] are those
     of the channels. Windows may be trailing ones, or the inputs went through the same, which leaves little of them.
     """
-    found = {channel: find_window(rows, sampling_rates[channel]) for channel, rows in differences.items()}
-    windows = {channel: window for channel, window in found.items() if window is not None}
+    likely_windows = {channel: find_window(rows, sampling_rates[channel]) for channel, rows in differences.items()}
+    windows = {channel: window for channel, window in likely_windows.items() if window is not None}
     others = {channel: rows for channel, rows in differences.items() if channel not in windows}
     low_pass = detect_low_pass_filters(others, sampling_rates)
     if not windows:
@@ -177,19 +180,23 @@ def detect_low_pass_filters(
     """
     spectra, likeliest, filtered = {}, {}, []
     for channel, rows in differences.items():
-        found = [s for s in (compute_spectrum(*difference) for difference in rows) if s is not None]
+        channel_spectra = [s for s in (compute_spectrum(*difference) for difference in rows) if s is not None]
         shapes = _list_shapes(sampling_rates[channel])
-        best = _find_likeliest(found, shapes) if found else None
+        best = _find_likeliest(channel_spectra, shapes) if channel_spectra else None
         if best is None:
             continue
-        spectra[channel], likeliest[channel] = found, best
-        steep = best if _is_steep(best) else _find_likeliest(found, [each for each in shapes if _is_steep(each)])
-        if steep is None or not _has_shape(found, steep.cutoff):
+        spectra[channel], likeliest[channel] = channel_spectra, best
+        steep = (
+            best
+            if _is_steep(best)
+            else _find_likeliest(channel_spectra, [shape for shape in shapes if _is_steep(shape)])
+        )
+        if steep is None or not _has_shape(channel_spectra, steep.cutoff):
             continue
-        passed = [_cut_spectrum(s) for s in found]
+        pass_band_spectra = [_cut_spectrum(s) for s in channel_spectra]
         if (
-            _compute_negative_log_likelihood(passed, steep)
-            <= _compute_negative_log_likelihood(passed, best) + MAX_SHAPE_LOSS
+            _compute_negative_log_likelihood(pass_band_spectra, steep)
+            <= _compute_negative_log_likelihood(pass_band_spectra, best) + MAX_SHAPE_LOSS
         ):
             filtered.append(channel)
     if not filtered:
@@ -200,11 +207,9 @@ def detect_low_pass_filters(
         if _is_steep(shape)
     ]
     candidates.sort(key=lambda candidate: candidate.negative_log_likelihood)
-    zero_lag, delaying = ([each for each in candidates if each.has_delay == has_delay] for has_delay in (False, True))
+    zero_lag, delaying = ([c for c in candidates if c.has_delay == has_delay] for has_delay in (False, True))
     permitted = [
-        each
-        for each in delaying
-        if each.negative_log_likelihood <= delaying[0].negative_log_likelihood + MAX_SHAPE_LOSS
+        c for c in delaying if c.negative_log_likelihood <= delaying[0].negative_log_likelihood + MAX_SHAPE_LOSS
     ]
     is_late = delaying[0].negative_log_likelihood < zero_lag[0].negative_log_likelihood - MIN_KIND_GAIN
     ordered = [*permitted, zero_lag[0]] if is_late else [zero_lag[0], *permitted]
@@ -248,12 +253,12 @@ def _fit_shape(
         or likeliest[channel]
         for channel in filtered
     }
-    start = replace(shape, cutoff=float(np.exp(np.mean([np.log(each.cutoff) for each in filters.values()]))))
+    start = replace(shape, cutoff=float(np.exp(np.mean([np.log(fitted.cutoff) for fitted in filters.values()]))))
     common = _fit_cutoff([s for channel in filtered for s in spectra[channel]], start)
     losses = {
-        channel: _compute_negative_log_likelihood(own, common)
-        - _compute_negative_log_likelihood(own, filters.get(channel, likeliest[channel]))
-        for channel, own in spectra.items()
+        channel: _compute_negative_log_likelihood(rows, common)
+        - _compute_negative_log_likelihood(rows, filters.get(channel, likeliest[channel]))
+        for channel, rows in spectra.items()
     }
     is_shared = all(losses[channel] <= MAX_COMMON_LOSS for channel in filtered)
     for channel, loss in losses.items():
@@ -269,17 +274,17 @@ def _find_likeliest(spectra: Sequence[Spectrum], shapes: Sequence[LowPassFilter]
     lowest = max(MIN_PASS_BINS * 2.0 * s.frequency[0] for s in spectra)
     if lowest >= nyquist or compute_stop_ratio(spectra, lowest) > MAX_STOP_RATIO:
         return None
-    passed = [_cut_spectrum(spectrum) for spectrum in spectra]
+    pass_band_spectra = [_cut_spectrum(spectrum) for spectrum in spectra]
     coarse = [
         min(
             (replace(shape, cutoff=float(cutoff)) for cutoff in np.geomspace(lowest, nyquist, N_CUTOFFS)[:-1]),
-            key=lambda tried: _compute_negative_log_likelihood(passed, tried),
+            key=lambda shape: _compute_negative_log_likelihood(pass_band_spectra, shape),
         )
         for shape in shapes
     ]
     best = min(
-        (_fit_cutoff(passed, each) for each in coarse),
-        key=lambda tried: _compute_negative_log_likelihood(passed, tried),
+        (_fit_cutoff(pass_band_spectra, start) for start in coarse),
+        key=lambda shape: _compute_negative_log_likelihood(pass_band_spectra, shape),
     )
     return best if best.cutoff < MAX_CUTOFF_NYQUIST_FRACTION * nyquist else None
 

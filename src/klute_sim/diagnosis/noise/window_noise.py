@@ -46,8 +46,8 @@ def find_window(differences: Sequence[tuple[Array, Array]], sampling_rate: float
     ``differences`` between repeats are pairs of times [s] (n,) and values [SI] (n,). ``sampling_rate`` [Hz] is that of
     the channel, before samples were left out.
     """
-    found = (compute_spectrum(*difference, is_banded=False) for difference in differences)
-    spectra = [s for s in found if s is not None]
+    computed = (compute_spectrum(*difference, is_banded=False) for difference in differences)
+    spectra = [s for s in computed if s is not None]
     if not spectra or compute_stop_ratio(spectra, PASS_FRACTION * spectra[0].frequency[-1]) > MAX_STOP_RATIO:
         return None
     duration = min(1.0 / float(s.frequency[1] - s.frequency[0]) for s in spectra)
