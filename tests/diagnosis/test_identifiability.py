@@ -1,5 +1,7 @@
 """Which effects look alike, and which rig distinguishes them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from klute_sim.diagnosis.planning.identifiability import (
     compute_identifiability,
     find_indistinguishable_pairs,
 )
+from klute_sim.diagnosis.planning.proposals import list_rig_changes
 from klute_sim.diagnosis.planning.signatures import simulate_effect_response
 
 pytestmark = pytest.mark.slow
@@ -72,6 +75,19 @@ def test_incompatible_effects_have_no_signature() -> None:
     bench.close()
     assert find_signatures(bare[0], "end_taper", "braid_hysteresis")
     assert not find_signatures(bare[0], "tendon_", "laminar_orifice", "discharge_loss")
+
+
+def test_part_of_a_device_is_examined_with_the_changes_of_its_rig(tmp_path: Path) -> None:
+    """A tendon alone has no muscle whose length a sensor could show, and none of the usual uncertain numbers."""
+    numbers = "slack_length_mm = 100\nstiffness_1_n_per_mm = 60\nstiffness_2_n_per_mm = 0\nengagement_mm = 40\n"
+    path = tmp_path / "cable.toml"
+    path.write_text(f'name = "cable"\n[tendon]\n{numbers}', "utf-8")
+    bench = Simulator(2)
+    rigs = compute_identifiability(load_device(path), bench)
+    bench.close()
+    assert [rig.rig_change for rig in rigs] == list_rig_changes(load_device(path))
+    assert not any("muscle" in rig.rig_change.description for rig in rigs)
+    assert find_signatures(rigs[0], "tendon_hysteresis")
 
 
 def test_effect_response_is_the_difference_of_simulations() -> None:

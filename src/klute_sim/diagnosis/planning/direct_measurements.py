@@ -178,14 +178,14 @@ def list_direct_measurements(
     """
     sets = [{term.identity for term in fit.hypothesis.terms} for fit in fits]
     shared = set.intersection(*sets) if sets else set()
-    found: dict[str, DirectMeasurement] = {}
+    measurements: dict[str, DirectMeasurement] = {}
     for fit in fits:
         for index, term in enumerate(fit.hypothesis.terms):
             if term.identity not in shared:
                 for measurement in _iterate_measurements(fit, index, term, compute_interval):
                     if measurement.is_decisive:
-                        found.setdefault(measurement.name, measurement)
-    return list(found.values())
+                        measurements.setdefault(measurement.name, measurement)
+    return list(measurements.values())
 
 
 def _iterate_measurements(

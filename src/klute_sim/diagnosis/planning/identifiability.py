@@ -23,7 +23,7 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import FINITE_DIFFERENCE_STEP
 from klute_sim.diagnosis.planning.measurement_plan import DEFAULT_UNCERTAINTIES
-from klute_sim.diagnosis.planning.proposals import MUSCLE_LENGTH_NOISE, RIG_CHANGES, RigChange
+from klute_sim.diagnosis.planning.proposals import MUSCLE_LENGTH_NOISE, RigChange, list_rig_changes
 from klute_sim.diagnosis.selection.screening import MIN_ORTHOGONAL_FRACTION, PROBE_FRACTION
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect
@@ -109,13 +109,16 @@ def compute_identifiability(
     progress(0.7, "simulating")
     true_values = simulator.simulate([[setup._replace(sensors=()) for setup in row] for row in setups], experiments)
     progress(0.95, "simulating")
-    return [_compute_signatures(change, terms, len(perturbed), observed, true_values) for change in RIG_CHANGES]
+    return [
+        _compute_signatures(change, terms, len(perturbed), observed, true_values) for change in list_rig_changes(device)
+    ]
 
 
 def remove_base_effect(device: Device, effect: Effect) -> Device:
     """Return ``device`` without the part of ``effect`` that the base model contains.
 
-    Raises InputError for an effect of the body, and where a section of the device replaces the effect.
+    Raises InputError for an effect of the body or of a mechanism, and where a section of the device replaces the
+    effect.
     """
     if effect.kind in ("body", "mechanism"):
         rig = "in gait" if effect.kind == "body" else "on a mechanism"
@@ -187,7 +190,8 @@ def _compute_signatures(
 ) -> RigIdentifiability:
     columns = [_stack_channels(rig_change, *rows) for rows in zip(observed, true_values, strict=True)]
     base, probes = columns[0], columns[1:]
-    sensitivities = np.stack([(column - base) / FINITE_DIFFERENCE_STEP for column in probes[:n_uncertain]], axis=1)
+    rows = [(column - base) / FINITE_DIFFERENCE_STEP for column in probes[:n_uncertain]]
+    sensitivities = np.reshape(rows, (n_uncertain, len(base))).T
     # The priors of the device's numbers add one row each.
     basis, _ = np.linalg.qr(np.vstack([sensitivities, np.eye(n_uncertain)]))
     signatures = []

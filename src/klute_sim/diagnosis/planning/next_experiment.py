@@ -1,4 +1,4 @@
-"""The experiment that separates the models of an ``indistinguishable`` verdict, on the rig of the dataset."""
+"""The experiment that separates an ``indistinguishable`` model from its best rival, on the rig of the dataset."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +15,9 @@ from klute_sim.diagnosis.selection.robustness import EquivalentModel
 def propose_next_experiment(
     data: WeightedData, dataset: Dataset, final_fit: Fit, equivalent_models: Sequence[EquivalentModel]
 ) -> dict[str, Any] | None:
-    """Return the entry of ``verdict.json``; None where no experiment that separates the models can be simulated.
+    """Return the entry of ``verdict.json`` for ``final_fit`` and its best rival.
+
+    None where no experiment that separates them can be simulated.
 
     A model with some of the names of ``final_fit`` that does not reach the noise stands for an error of a law
     (:mod:`klute_sim.diagnosis.selection.law_error`), which no simulation predicts.
