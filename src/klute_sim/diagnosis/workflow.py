@@ -83,7 +83,11 @@ from klute_sim.diagnosis.selection.deviating_specimen import find_deviating_spec
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import has_several_specimens
 from klute_sim.diagnosis.trial_preparation import collect_sampling_rates, prepare_trials
-from klute_sim.types import ProgressCallback
+from klute_sim.types import Array, ProgressCallback
+
+N_NOISE_ESTIMATES = 2
+"""Number of estimates of the noise without added effects: input noise passes through the device, so the noise changes
+slightly with its fit."""
 
 
 def diagnose(
@@ -98,7 +102,9 @@ def diagnose(
     options = options or DiagnosisOptions()
     check_effect_names(dataset, options.only, options.exclude)
     partition = split_dataset(dataset)
-    simulator, cache = Simulator(options.n_jobs), FitCache(f"{dataset.digest} {dataset.device.digest} {options}")
+    # The results do not depend on the number of threads.
+    settings = replace(options, n_jobs=0)
+    simulator, cache = Simulator(options.n_jobs), FitCache(f"{dataset.digest} {dataset.device.digest} {settings}")
     try:
         # The simulations use all cores; multi-threaded linear algebra would only compete with them.
         with threadpool_limits(1, user_api="blas"):
@@ -343,7 +349,7 @@ def _select_deviating_specimen(
 def fit_base_device(
     dataset: Dataset, experiments: Sequence[Experiment], simulator: Simulator, cache: FitCache | None = None
 ) -> tuple[Fit, WeightedData]:
-    """Return the fit of the device without added effects, and the data weighted by the noise of its residuals.
+    """Return the fit of the device without added effects, and its data, weighted by their noise.
 
     It corrects the registration, and the delay of a command where this explains the pressures.
     """
@@ -359,20 +365,19 @@ def fit_base_device(
 def _fit_with_noise(
     nominal: Hypothesis, experiments: Sequence[Experiment], simulator: Simulator, cache: FitCache | None
 ) -> tuple[Fit, WeightedData]:
-    """Return the fit of ``nominal``, and the data weighted by the noise of its residuals."""
+    """Return the fit of ``nominal``, and its data, weighted by the noise of the residuals of the fit before it."""
     unweighted = WeightedData(simulator, experiments, {})
     estimate_noise = (
         repeats.estimate_noise_from_repeats
         if data_quality.has_repeats(experiments)
         else repeats.estimate_noise_from_residuals
     )
-    noise = estimate_noise(experiments, unweighted.compute_residuals(nominal, [nominal.initial_point()])[0])
-    fit: Fit | None = None
-    for _ in range(2):  # input noise passes through the device, so the noise changes slightly with the fit
+    residuals: repeats.Residuals = unweighted.compute_residuals(nominal, [nominal.initial_point()])[0]
+    x: Array | None = None
+    for _ in range(N_NOISE_ESTIMATES):
+        noise = estimate_noise(experiments, residuals)
         deviations = tuple((channel, channel_noise.std) for channel, channel_noise in noise.items())
-        hypothesis = replace(nominal, noise_std=deviations)
         data = WeightedData(simulator, experiments, noise, cache)
-        fit = fit_hypothesis(data, hypothesis, fit.x if fit else None)
-        noise = estimate_noise(experiments, fit.residuals)
-    assert fit is not None
+        fit = fit_hypothesis(data, replace(nominal, noise_std=deviations), x)
+        residuals, x = fit.residuals, fit.x
     return fit, data

@@ -21,8 +21,8 @@ from klute_sim.types import Array
 CACHE_VARIABLE = "KLUTE_SIM_CACHE"
 """Environment variable with the path of the cache folder."""
 FIT_MODULES = (
-    *("files", "laws", "effects", "device", "plant", "mechanism", "gait", "datasets", "diagnosis"),
-    *("constants.py", "parameters.py", "units.py"),
+    *("files", "laws", "effects", "device", "plant", "mechanism", "gait", "datasets", "plausibility", "diagnosis"),
+    *("constants.py", "mask_runs.py", "parameters.py", "units.py"),
 )
 """Packages and modules whose code determines the result of a fit."""
 
