@@ -140,6 +140,23 @@ def test_bladder_ends_where_the_braid_holds_it(key: str) -> None:
     assert limit_to_valid(NOMINAL.spec.collect_values(), "muscle.c10_kpa", 1.0, 900.0) == (1.0, 900.0)
 
 
+def test_bladder_on_one_tendon_ends_where_its_own_braid_holds_it() -> None:
+    values = NOMINAL.spec.collect_values()
+    shared = Hypothesis(NOMINAL, (), (), (make_number_term(RADIUS),)).parameters[0]
+    numbers = (
+        (f"flexor/{RADIUS}", values[RADIUS]),
+        ("extensor/muscle.turns_per_m", 0.9 * values["muscle.turns_per_m"]),
+    )
+    numbers += ((f"extensor/{RADIUS}", 1.1 * values[RADIUS]),)
+    flexor, extensor = (
+        Hypothesis(NOMINAL, ((f"{tendon}/{RADIUS}", 5.0),), (), mechanism_numbers=numbers).parameters[0]
+        for tendon in ("flexor", "extensor")
+    )
+    assert (flexor.lower, flexor.upper) == pytest.approx((shared.lower, shared.upper))
+    assert extensor.lower == pytest.approx(flexor.lower / 0.9)  # fewer turns, a wider braid
+    assert extensor.upper == pytest.approx(flexor.upper / 0.9)
+
+
 def test_uncertain_number_may_be_wrong_besides() -> None:
     key, deviation = "tendon.slack_length_mm", 1.0
     hypothesis = Hypothesis(NOMINAL, ((key, deviation),), (), (make_number_term(key),))
@@ -159,6 +176,12 @@ def test_contradicted_number_is_one_whose_plausible_error_is_larger_than_its_dec
     assert list_contradicted_numbers(make_fit(narrow, np.array([2.9, -3.0]))) == {rubber}
     wide = Hypothesis(NOMINAL, ((slack, 10.0),), ())
     assert list_contradicted_numbers(make_fit(wide, np.array([3.0]))) == set()
+    # A bladder that fills its braid cannot be wider, whatever was declared: the data contradict nothing.
+    radius = Hypothesis(NOMINAL, ((RADIUS, 0.2),), ())
+    lower, upper = radius.bounds()
+    assert upper[0] < 3.0
+    assert list_contradicted_numbers(make_fit(radius, upper)) == set()
+    assert list_contradicted_numbers(make_fit(radius, np.array([-3.0]))) == ({RADIUS} if lower[0] == -3.0 else set())
 
 
 def test_declared_number_is_a_candidate_where_a_fit_contradicts_it() -> None:

@@ -333,34 +333,34 @@ class Hypothesis:
         A number that a trial or a tendon overrides has the error of that of the dataset's device (:func:`carry_error`).
         An error of the device on one tendon, or of ``specimen`` (None: none in particular), is added to those of all.
         """
-        nominal, own_values = self.device.spec.collect_values(), device.spec.collect_values()
+        nominal, declared_values = self.device.spec.collect_values(), device.spec.collect_values()
         corrected = {
-            key: carry_error(key, nominal[key], value, own_values[key])
+            key: carry_error(key, nominal[key], value, declared_values[key])
             for key, value in self.collect_numbers(values).items()
-            if key in own_values
+            if key in declared_values
         }
         declared = dict(self.mechanism_numbers)
         for name, value in self.collect_mechanism_numbers(values).items():
             owner, separator, key = name.rpartition(DEVICE_SEPARATOR)
             if separator and owner == tendon:
-                corrected[key] = corrected.get(key, own_values[key]) + value - declared[name]
+                corrected[key] = corrected.get(key, declared_values[key]) + value - declared[name]
         for parameter, value in zip(self.parameters, values, strict=True):
             term = None if parameter.term_index is None else self.terms[parameter.term_index]
             if term is not None and term.specimen is not None and term.specimen == specimen:
-                corrected[parameter.name] = corrected.get(parameter.name, own_values[parameter.name])
+                corrected[parameter.name] = corrected.get(parameter.name, declared_values[parameter.name])
                 corrected[parameter.name] += value - parameter.initial
         wrong = set()
         for term in self.terms:
             owner, _, key = (term.number or "").rpartition(DEVICE_SEPARATOR)
             if key and owner in ("", tendon) and term.specimen in (None, specimen):
                 wrong.add(key)
-        return complete_numbers(own_values, corrected, wrong)
+        return complete_numbers(declared_values, corrected, wrong)
 
     def list_fitted_keys(self, tendon: str | None) -> set[str]:
         """Return ``section.key`` of all fitted numbers of the device on ``tendon`` (None: no mechanism)."""
-        own = (name.rpartition(DEVICE_SEPARATOR) for name, _ in self.mechanism_numbers)
+        names = (name.rpartition(DEVICE_SEPARATOR) for name, _ in self.mechanism_numbers)
         shared = self.collect_numbers([p.initial for p in self.parameters])
-        return {*shared, *(key for owner, separator, key in own if separator and owner == tendon)}
+        return {*shared, *(key for owner, separator, key in names if separator and owner == tendon)}
 
     def collect_model_numbers(self, values: Sequence[float]) -> dict[str, float]:
         """Return name -> fitted number of the model of a mechanism for parameter ``values``."""
@@ -375,8 +375,11 @@ def _limit_number(key: str, nominal_values: Mapping[str, float], half_range: flo
     nominal, lower = nominal_values[key], nominal_values[key] - half_range
     if nominal > 0.0 and not key.rpartition(".")[2].startswith(SIGNED_PREFIXES):
         lower = max(lower, MIN_NUMBER_FRACTION * nominal)
-    lower, upper = limit_to_plausible(key.rpartition(DEVICE_SEPARATOR)[2], nominal, lower, nominal + half_range)
-    return limit_to_valid(nominal_values, key, lower, upper)
+    device_key = key.rpartition(DEVICE_SEPARATOR)[2]
+    lower, upper = limit_to_plausible(device_key, nominal, lower, nominal + half_range)
+    prefix = key.removesuffix(device_key)
+    tendon_values = {name.removeprefix(prefix): v for name, v in nominal_values.items() if name.startswith(prefix)}
+    return limit_to_valid({**nominal_values, **tendon_values}, device_key, lower, upper)
 
 
 def _select_effects(spec: DeviceSpec, kind: str) -> dict[tuple[str, str], dict[str, float]]:

@@ -1,5 +1,6 @@
 """Candidate effects and numbers: what a dataset may show, and what may be added to a fit."""
 
+import math
 from collections.abc import Container, Iterable, Mapping, Sequence
 
 from klute_sim.datasets.channels import RigName
@@ -8,7 +9,7 @@ from klute_sim.device.device import Device
 from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
 from klute_sim.diagnosis.data_quality import is_supply_only
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.hypothesis import PRIOR_BOUND_SIGMAS, EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import (
     BOUND_SIGMAS,
@@ -172,16 +173,21 @@ def is_same_cause(term: EffectTerm, other: EffectTerm) -> bool:
 def list_contradicted_numbers(fit: Fit) -> set[str]:
     """Return the uncertain numbers of the device that the data contradict, although their plausible errors do not.
 
-    These end at their bound in ``fit``, and :data:`BOUND_SIGMAS` plausible errors reach beyond it.
+    These end in ``fit`` at the limit of their declared uncertainty, and :data:`BOUND_SIGMAS` plausible errors reach
+    beyond it.
     """
     hypothesis = fit.hypothesis
-    at_bound = (hypothesis.parameters[index] for index in fit.find_bounds_reached())
+    at_limit = (
+        hypothesis.parameters[index]
+        for index, bound in fit.find_bounds_reached().items()
+        if math.isclose(abs(bound), PRIOR_BOUND_SIGMAS)  # and not at a limit of what is possible
+    )
     return {
         parameter.name
-        for parameter in at_bound
+        for parameter in at_limit
         if parameter.name in hypothesis.device.spec.collect_values()
         and BOUND_SIGMAS * compute_plausible_error(parameter.name, parameter.initial)
-        > parameter.upper - parameter.initial
+        > PRIOR_BOUND_SIGMAS * parameter.scale
     }
 
 
@@ -217,14 +223,15 @@ def list_device_terms(effect: Effect, device: Device, devices: Mapping[str, Devi
 
     One of several devices may have what the others lack, or what they have already.
     """
-    specs = [each.spec for each in devices.values()] or [device.spec]
+    specs = [mounted.spec for mounted in devices.values()] or [device.spec]
     terms = []
     if all(spec.can_add_effect(effect) for spec in specs):
         shared = [form for form in effect.forms if all(form in spec.list_candidate_forms(effect) for spec in specs)]
         terms = [EffectTerm(effect.name, form.name) for form in shared]
     if len(devices) > 1:
-        able = [tendon for tendon, own in devices.items() if own.spec.can_add_effect(effect)]
-        terms += [EffectTerm(effect.name, effect.forms[0].name, tendon=tendon) for tendon in able]
+        for tendon, mounted in devices.items():
+            forms = mounted.spec.list_candidate_forms(effect) if mounted.spec.can_add_effect(effect) else []
+            terms += [EffectTerm(effect.name, form.name, tendon=tendon) for form in forms[:1]]
     return terms
 
 
@@ -257,8 +264,10 @@ def list_specimen_numbers(experiments: Sequence[Experiment], device: Device) -> 
     if len(devices) < 2:
         return []
     return [
-        EffectTerm(NUMBER_ERROR_NAME, "value", number=key, specimen=specimen, declared=own.spec.collect_values()[key])
-        for specimen, own in devices.items()
+        EffectTerm(
+            NUMBER_ERROR_NAME, "value", number=key, specimen=specimen, declared=tested.spec.collect_values()[key]
+        )
+        for specimen, tested in devices.items()
         for key in numbers
     ]
 
