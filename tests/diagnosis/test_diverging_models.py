@@ -20,7 +20,7 @@ from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.imperfect_law import decide_verdict
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
-from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON
+from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult, compute_share
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.diagnosis.selection.selection_step import SelectionStep
@@ -84,6 +84,13 @@ def test_share_is_at_most_one_where_the_noise_is_overestimated() -> None:
     base, chosen = (PredictiveModel(make_fit(), np.full(3, error), np.zeros((3, 0))) for error in (1.0, 0.2))
     assert compute_share(base, chosen, 0.1) == pytest.approx(0.8 / 0.9)
     assert compute_share(base, chosen, 0.7) == 1.0
+
+
+def test_trial_that_diverges_anyway_does_not_refuse_an_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    search = ForwardSelection(WeightedData(Simulator(1), make_repeats([np.zeros(100)] * 2), {}), [], [])
+    chi2 = {"a": [4.0, 1.0], "b": [np.inf, np.inf], "c": [np.inf, 2.0], "d": [2.0, np.inf]}
+    monkeypatch.setattr(ForwardSelection, "compute_validation_chi2", lambda self, *fits: chi2)
+    assert search.compute_validation_gains(make_fit(), make_fit(FRICTION)) == {"a": 0.75, "c": 1.0, "d": -np.inf}
 
 
 def test_nothing_is_chosen_where_every_model_diverges() -> None:

@@ -81,6 +81,13 @@ def test_linear_limits_are_exactly_those_of_the_jacobian() -> None:
     assert counts == [8]  # one point on each side
 
 
+def test_limits_of_samples_without_error_are_narrow() -> None:
+    function = make_function(lambda x: np.array([x[0] + x[1], x[0] - x[1], x[0]]), [-9.0, -9.0], [9.0, 9.0])
+    best = fit_model(function, [1.0, 1.0])
+    limits = find_profile_limits(function, best, lambda weights: 0.0, [0, 1])
+    assert np.array(limits) == pytest.approx(np.zeros((2, 2)), abs=1e-3)
+
+
 def test_limits_follow_a_curved_valley() -> None:
     function = make_function(bend_valley, [-9.0, -9.0], [9.0, 99.0])
     best = fit_model(function, [0.9, 0.9])

@@ -225,7 +225,8 @@ class _ProfileSide:
         norm = float(np.linalg.norm(change))
         if norm == 0.0:
             return _LinearRefit(step, point.chi2 - chi2, np.inf, 0.0)
-        threshold = self._measure_error(change / norm) ** 2
+        # Samples without any error have none to compare with: any rise of chi squared is large.
+        threshold = max(self._measure_error(change / norm) ** 2, np.finfo(np.float64).tiny)
         height = float(np.sqrt(max(0.0, chi2 - self._best.chi2) / threshold))
         return _LinearRefit(step, point.chi2 - chi2, threshold, height)
 

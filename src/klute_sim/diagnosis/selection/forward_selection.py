@@ -29,7 +29,7 @@ from klute_sim.diagnosis.selection.nested_forms import restart_nested_forms
 from klute_sim.diagnosis.selection.refits import refit_with_replacement, refit_without_term
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates, select_shortlist
 from klute_sim.diagnosis.selection.selection_step import SelectionStep
-from klute_sim.diagnosis.selection.validation import compute_validation_chi2
+from klute_sim.diagnosis.selection.validation import compute_validation_chi2, select_validation_data
 from klute_sim.types import Array
 
 BIC_THRESHOLD = 6.0
@@ -286,9 +286,16 @@ class ForwardSelection:
         return fit_result.bic(self.data.n_effective)
 
     def compute_validation_gains(self, before: Fit, after: Fit) -> dict[str, float]:
-        """Return the relative fall of chi squared from ``before`` to ``after`` in each validation group."""
+        """Return the relative fall of chi squared from ``before`` to ``after`` in each validation group.
+
+        A group in which simulations of both diverge is left out: it tells nothing about the last term.
+        """
         groups = self.compute_validation_chi2(before, after)
-        return {group: 1.0 - chi2_after / chi2_before for group, (chi2_before, chi2_after) in groups.items()}
+        return {
+            group: 1.0 - chi2_after / chi2_before
+            for group, (chi2_before, chi2_after) in groups.items()
+            if np.isfinite([chi2_before, chi2_after]).any()
+        }
 
     def compute_validation_chi2(self, *fits: Fit) -> dict[str, list[float]]:
         """Return chi squared of each of ``fits`` in each validation group, or fitted group that is left out."""
@@ -329,7 +336,8 @@ class ForwardSelection:
                 f"{term} explains less than {100.0 * MIN_FURTHER_GAIN_FRACTION:g} % of what the effects before it do, "
                 "no more than errors of the simulation might"
             )
-        trials = "validation trials" if self.validation_data else "the fitted groups, each left out in turn,"
+        has_trials = bool(select_validation_data(self.validation_data, after))
+        trials = "validation trials" if has_trials else "the fitted groups, each left out in turn,"
         losses = [f"'{group}' by {-100 * g:.1f} %" for group, g in validation_gains.items() if g < -MAX_VALIDATION_LOSS]
         if losses:
             return f"{term} fits, but {trials} get worse: {', '.join(losses)}"
@@ -349,7 +357,10 @@ class ForwardSelection:
         return sum(of_before - of_after for of_before, of_after in chi2) > MIN_FAULT_CHI2_FALL
 
     def _compute_gain_without_misfit(self, current: Fit) -> float:
-        """Return the fall of chi squared by the effects of ``current``; 0 where its repeats show a misfit, or none."""
+        """Return the fall of chi squared by the effects of ``current``.
+
+        0 without repeats, and where they show a misfit.
+        """
         if not self.history or not self.has_repeats or self.has_misfit(current):
             return 0.0
         return max(0.0, self.history[0].initial_fit.chi2 - current.chi2)
@@ -371,7 +382,7 @@ class ForwardSelection:
         """
         added = current.hypothesis.terms[len(base_fit.hypothesis.terms) :]
         for term in added[:-1]:
-            for form in term.effect_definition.forms:
+            for form in current.hypothesis.device.spec.list_candidate_forms(term.effect_definition):
                 if len(form.parameters) >= len(term.parameters):
                     continue
                 simpler = term._replace(form=form.name, parameter_keys=())

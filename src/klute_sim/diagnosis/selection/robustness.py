@@ -25,10 +25,10 @@ RESTART_SIGMAS = 3.0
 MIN_RESTART_OFFSET = 0.02
 """Minimum distance of the restart from the fit, in normalized parameters (assumed)."""
 MAX_EXCESS_FRACTION = 0.03
-"""Largest excess of BIC of a rival that explains the data to the noise, too, as a fraction of what the best fit gains
-(assumed)."""
+"""Largest excess of BIC of a rival that explains the data to the noise, too, as a fraction of what the replaced term
+gains (assumed)."""
 MAX_EXCESS_FACTOR = 5.0
-"""Largest such excess over the difference of BIC that decides (assumed)."""
+"""Largest excess of BIC of such a rival, over the difference of BIC that decides (assumed)."""
 AIC_PENALTY = 2.0
 """Fall of chi squared that Akaike's information criterion requires of a further parameter."""
 CHI2_TOLERANCE = 1.0
@@ -132,11 +132,11 @@ def _refit_replacements(search: ForwardSelection, reduced_fit: Fit, best_fit: Fi
 def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[EquivalentModel]:
     """Return the models with one replaced term that are not decisively worse, best first.
 
-    The BIC of such a model is higher by at most the threshold, or by at most :data:`MAX_EXCESS_FRACTION` of what the
-    replaced term gains while its repeats show no misfit either: an effect that is not in the catalogue may be as
-    close to both. The replacement must pass the acceptance tests of the selection, including validation. It must be
-    nameable: where its refined fit has a parameter at a bound, it is fitted again from the values of ``best_fit``, and
-    then a simpler form takes its place or none does.
+    The BIC of such a model is higher by at most the threshold. Where repeats show no misfit beside it either, it may be
+    higher by :data:`MAX_EXCESS_FRACTION` of what the replaced term gains, and by :data:`MAX_EXCESS_FACTOR` times the
+    threshold: an effect that is not in the catalogue may be as close to both. The replacement must pass the acceptance
+    tests of the selection, including validation. It must be nameable: where its refined fit has a parameter at a bound,
+    it is fitted again from the values of ``best_fit``, and then a simpler form takes its place or none does.
     """
     data, best_bic = search.data, best_fit.bic(search.data.n_effective)
     models: list[EquivalentModel] = []
@@ -202,7 +202,7 @@ def _is_equivalent(search: ForwardSelection, reduced_fit: Fit, rival: Fit, best_
     if not search.rejection_reason(reduced_fit, rival, gains):
         return True
     chi2 = search.compute_validation_chi2(reduced_fit, best_fit, rival).values()
-    if excess + sum(of_rival - of_best for _, of_best, of_rival in chi2) <= 2.0 * search.bic_threshold:
+    if not chi2 or excess + sum(of_rival - of_best for _, of_best, of_rival in chi2) <= 2.0 * search.bic_threshold:
         required = -MAX_VALIDATION_LOSS
     else:
         best_gains = [1.0 - of_best / of_reduced for of_reduced, of_best, _ in chi2]

@@ -13,16 +13,29 @@ LEFT_OUT_MAX_NFEV = 4
 def compute_validation_chi2(
     data: WeightedData, validation_data: Sequence[WeightedData], fits: Sequence[Fit]
 ) -> dict[str, list[float]]:
-    """Return chi squared of each of ``fits`` to ``data`` in each group of ``validation_data``.
+    """Return chi squared of each of ``fits`` to ``data`` in each group that tells about the last term of the last fit.
 
-    Without validation trials, each fitted group in turn is left out and all models are refitted to the others.
-    Only groups of its specimen tell anything about a number of one specimen, the last term of the last fit.
+    Without such groups in ``validation_data``, each fitted group in turn is left out and all models are refitted to the
+    others.
     """
-    specimen = fits[-1].hypothesis.terms[-1].specimen if fits[-1].hypothesis.terms else None
-    relevant = [each for each in validation_data if specimen in (None, each.experiments[0].specimen)]
-    if not relevant:
-        return _cross_validate(data, fits, specimen)
-    return {each.experiments[0].group: [compute_chi2(each, fit) for fit in fits] for each in relevant}
+    groups = select_validation_data(validation_data, fits[-1])
+    if not groups:
+        return _cross_validate(data, fits, _get_last_specimen(fits[-1]))
+    return {group.experiments[0].group: [compute_chi2(group, fit) for fit in fits] for group in groups}
+
+
+def select_validation_data(validation_data: Sequence[WeightedData], fit: Fit) -> list[WeightedData]:
+    """Return those groups of ``validation_data`` that tell about the last term of ``fit``.
+
+    Only groups of its specimen tell anything about a number of one specimen.
+    """
+    specimen = _get_last_specimen(fit)
+    return [group for group in validation_data if specimen in (None, group.experiments[0].specimen)]
+
+
+def _get_last_specimen(fit: Fit) -> str | None:
+    """Return the specimen that alone has the last term of ``fit``; None for a term of all, and without terms."""
+    return fit.hypothesis.terms[-1].specimen if fit.hypothesis.terms else None
 
 
 def _cross_validate(data: WeightedData, fits: Sequence[Fit], specimen: str | None) -> dict[str, list[float]]:
