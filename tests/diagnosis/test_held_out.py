@@ -114,12 +114,12 @@ def test_equivalent_models_deny_a_misfit_of_the_test_trials_unless_one_explains_
 
 
 @pytest.mark.parametrize("verdict", ["nothing-missing", "identified", "indistinguishable"])
-def test_misfit_that_the_numbers_absorb_demotes_no_verdict(verdict: Verdict, dataset: datasets.Dataset) -> None:
+def test_misfit_that_a_refit_absorbs_demotes_no_verdict(verdict: Verdict, dataset: datasets.Dataset) -> None:
     diagnosis = make_diagnosis(dataset, verdict)
     record_test_misfit(diagnosis, {"force": Misfit(6.0, 20.0, 3.0)}, is_absorbed=True)
     assert diagnosis.verdict == verdict
     assert diagnosis.reasons[0] == "a reason"
-    assert "do not determine the numbers well enough" in diagnosis.reasons[-1]
+    assert "do not determine the parameters well enough" in diagnosis.reasons[-1]
 
 
 @pytest.mark.parametrize(
@@ -325,7 +325,7 @@ def test_numbers_that_the_fitted_trials_do_not_determine_are_no_missing_effect(
     write_constant_pressure(tmp_path / "d", monkeypatch)
     diagnosis = diagnose_few_candidates(tmp_path / "d")
     assert diagnosis.verdict == "nothing-missing"
-    assert "do not determine the numbers well enough" in diagnosis.reasons[-2]
+    assert "do not determine the parameters well enough" in diagnosis.reasons[-2]
 
 
 def test_fault_that_only_the_test_trials_have_is_not_absorbed(tmp_path: Path) -> None:
@@ -399,7 +399,7 @@ def test_quantized_channel_is_no_name_for_a_misfit_of_the_test_trials(
     monkeypatch.setattr(held_out, "_compute_residuals", lambda *_: (cast(Any, SimpleNamespace(experiments=[])), []))
     monkeypatch.setattr(held_out, "estimate_misfit", lambda *_: misfits)
     monkeypatch.setattr(held_out, "estimate_validation_misfits", lambda *_: {})
-    monkeypatch.setattr(held_out, "can_numbers_absorb", lambda *_: False)
+    monkeypatch.setattr(held_out, "can_refit_explain_all", lambda *_: False)
     held_out.evaluate_held_out(diagnosis, cast(Any, SimpleNamespace(noise={})))
     assert diagnosis.verdict == verdict
 

@@ -101,7 +101,7 @@ def test_numbers_of_tendons_and_model_are_carried_over(first: Dataset, other: Da
     }
     assert numbers.keys() == expected.keys()
     for name, pair in expected.items():
-        assert (numbers[name].found, numbers[name].used) == pytest.approx(pair)
+        assert (numbers[name].fitted, numbers[name].used) == pytest.approx(pair)
     assert numbers[SLACK].rule == "the declared 104, changed as much as in the fit"
     assert numbers[f"flexor/{STIFFNESS}"].rule == "the declared 30, changed as much as in the fit"
     text = render_text([build_numbers_table(prediction)])
@@ -134,7 +134,7 @@ def test_wrong_number_of_one_tendon_has_the_error_and_the_limits_of_its_kind(fir
     term = make_error(SLACK)
     (number,) = predict_wrong_number(first, other, term)
     assert term.qualified_name == "number_error@flexor/tendon.slack_length_mm"
-    assert (number.found, number.used) == pytest.approx((102.0, 104.0 * 1.02))
+    assert (number.fitted, number.used) == pytest.approx((102.0, 104.0 * 1.02))
 
 
 def predict_wrong_number(first: Dataset, other: Dataset, term: EffectTerm) -> list[TransferredNumber]:
@@ -155,7 +155,7 @@ def test_temperature_keeps_its_absolute_change(key: str, first: Dataset, other: 
     outdoors = replace(other, device=cold, mechanism=replace(other.mechanism, devices=devices))
     prediction = predict_dataset(make_diagnosis(replace(first, uncertainties={key: 4.0}), x=[2.0]), outdoors)
     number = next(n for n in prediction.numbers if n.name == "flexor/supply.gas_temperature_c")
-    assert (number.found, number.used) == pytest.approx((28.0, 8.5))
+    assert (number.fitted, number.used) == pytest.approx((28.0, 8.5))
     assert number.rule == "the declared 0.5, moved by as much as in the fit"
 
 
@@ -171,7 +171,7 @@ def test_effect_of_the_muscle_follows_the_diameter_of_its_own_tendon(owner: str 
     term = EffectTerm("muscle_damping", "pressure", tendon=owner)
     diagnosis = make_diagnosis(first, term, x=[0.0, 0.0, 0.0, 1.0])
     prediction = predict_dataset(diagnosis, replace(first, mechanism=mechanism))
-    used = {n.name: n.used / n.found for n in prediction.numbers if n.name.startswith("muscle_damping")}
+    used = {n.name: n.used / n.fitted for n in prediction.numbers if n.name.startswith("muscle_damping")}
     key = "coefficient_n_s_per_m"
     expected = {f"muscle_damping@flexor.{key}": 4.0}
     if owner is None:
@@ -205,7 +205,7 @@ def test_shared_numbers_of_tendons_of_other_names_are_listed(first: Dataset) -> 
     assert diagnosis.final_fit is not None
     hypothesis, values = diagnosis.final_fit.hypothesis, np.array([1.0])
     listed = _list_numbers(diagnosis, other, hypothesis, values, values, {None: 1.0})
-    numbers = {number.name: (number.found, number.used) for number in listed}
+    numbers = {number.name: (number.fitted, number.used) for number in listed}
     assert numbers == {
         f"front/{STIFFNESS}": pytest.approx((66.0, 33.0)),
         f"back/{STIFFNESS}": pytest.approx((66.0, 66.0)),

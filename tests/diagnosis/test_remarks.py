@@ -9,12 +9,14 @@ from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
+from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.diagnosis.remarks import (
     describe_contradicted_numbers,
     describe_exceeded_tolerance,
     describe_excessive_commands,
     describe_length_zero,
+    describe_quantization,
     describe_refitted_numbers,
     describe_tested_candidates,
     describe_undetermined_parameters,
@@ -95,6 +97,15 @@ def test_parameter_whose_interval_covers_its_range_is_not_determined() -> None:
     assert sentence.startswith("The data hardly determine 'inner_diameter_mm' of hose (")
     # Declared numbers have a prior.
     assert describe_undetermined_parameters(fit, [(0.0, 1e3), *narrow[1:]]) == []
+
+
+@pytest.mark.parametrize(
+    ("dither", "ratio"), [(0.05, "at least 20 times the noise"), (0.2, "5.0 times the noise"), (1.0, "no more than")]
+)
+def test_resolution_is_compared_with_the_noise(dither: float, ratio: str) -> None:
+    sentence = describe_quantization("force", Quantizer(2.0, 0.01, 0.0, dither))
+    assert sentence.startswith("'force' is quantized in steps of 2 N")
+    assert ratio in sentence
 
 
 @pytest.mark.parametrize(("tolerance_n", "is_exceeded"), [(2.0, True), (20.0, False)])

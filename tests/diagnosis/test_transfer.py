@@ -82,9 +82,9 @@ def test_device_of_one_diameter_predicts_another(diagnosis: Diagnosis, true_devi
     assert prediction.warnings == []
     numbers = {number.name: number for number in prediction.numbers}
     turns = numbers["muscle.turns_per_m"]
-    assert turns.found == pytest.approx(13.6, rel=0.01)
-    assert turns.used == pytest.approx(turns.found * 13.0 / 23.0, rel=1e-6)
-    assert numbers["passive_tension.rise_n"].used == numbers["passive_tension.rise_n"].found
+    assert turns.fitted == pytest.approx(13.6, rel=0.01)
+    assert turns.used == pytest.approx(turns.fitted * 13.0 / 23.0, rel=1e-6)
+    assert numbers["passive_tension.rise_n"].used == numbers["passive_tension.rise_n"].fitted
     assert "d/D" in numbers["passive_tension.rise_n"].rule
     assert prediction.to_dict()["channels"]["force"]["refitted_pct_of_range"] > 1.0
     text = render_text([build_prediction_table(prediction), build_numbers_table(prediction)])
@@ -112,7 +112,7 @@ def test_parameters_that_grow_with_the_diameter_are_scaled(
     folder = write_muscles(tmp_path / "twenty", scale(device, "10 mm", "20 mm"), (0.3,), head)
     prediction = predict_dataset(replace(diagnosis, final_fit=fit), load_dataset(folder))
     damping = next(n for n in prediction.numbers if n.name == "muscle_damping.coefficient_n_s_per_m")
-    assert (damping.found, damping.used) == pytest.approx((found, used))
+    assert (damping.fitted, damping.used) == pytest.approx((found, used))
     assert damping.rule.startswith("diameter to the power 2")
     assert ("cut off at a limit" in damping.rule) == (used == 4000.0)
 

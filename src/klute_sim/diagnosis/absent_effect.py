@@ -22,10 +22,10 @@ def find_term_without_effect(fit: Fit, intervals: Sequence[tuple[float, float]])
     """
     rows = list(zip(fit.hypothesis.parameters, intervals, strict=True))
     for index, term in enumerate(fit.hypothesis.terms):
-        own = [(parameter, interval) for parameter, interval in rows if parameter.term_index == index]
-        if len(own) != 1:
+        term_rows = [(parameter, interval) for parameter, interval in rows if parameter.term_index == index]
+        if len(term_rows) != 1:
             continue
-        parameter, (low, high) = own[0]
+        parameter, (low, high) = term_rows[0]
         if not parameter.is_logarithmic and low <= parameter.initial <= high:  # a shape has no value without effect
             return term, parameter.initial
     return None
@@ -37,12 +37,12 @@ def remove_absent_effects(selected: FinalModel, seed: int) -> FinalModel:
     If such an effect is the only one, it stays as a proxy. With an imperfect law the intervals hold the scatter of the
     effect between conditions, and predictions decide. ``seed`` is that of the restart of the fit without them.
     """
-    found = find_term_without_effect(selected.final_fit, selected.confidence_intervals)
-    if found is None or selected.verdict != "identified":
+    absent = find_term_without_effect(selected.final_fit, selected.confidence_intervals)
+    if absent is None or selected.verdict != "identified":
         return selected
     reasons = []
-    while found is not None:
-        term, neutral = found
+    while absent is not None:
+        term, neutral = absent
         value = "declared value" if term.number else "value without effect"
         is_only = len(selected.final_fit.hypothesis.terms) == 1
         reasons.append(
@@ -64,5 +64,5 @@ def remove_absent_effects(selected: FinalModel, seed: int) -> FinalModel:
             has_converged=has_converged,
             absent_terms=(*selected.absent_terms, term),
         )
-        found = find_term_without_effect(fit, intervals)
+        absent = find_term_without_effect(fit, intervals)
     return selected._replace(verdict="identified-in-part", reasons=[*reasons, *selected.reasons])

@@ -21,11 +21,11 @@ from klute_sim.types import ProgressCallback
 TIME_SHIFTS = frozenset({"clock_skew", "pressure_delay"})
 """Effects that shift a channel or the command in time, as another interpolation of the command does."""
 MAX_HOLD_RESIDUAL_FRACTION = 0.5
-"""Part of the mean square that linear interpolation leaves in pressures without repeats, which a zero-order hold may
-leave (assumed)."""
-MAX_HOLD_RESIDUAL_RATIO = 1.1
-"""Mean square that a zero-order hold alone may leave there, over that of linear interpolation with all names
+"""Largest mean square residual of pressures without repeats with a zero-order hold, over that with linear interpolation
 (assumed)."""
+MAX_HOLD_RESIDUAL_RATIO = 1.1
+"""Largest mean square residual of these pressures with a zero-order hold alone, over that with linear interpolation and
+all names (assumed)."""
 MAX_LOST_SHIFT_FRACTION = 0.1
 """Part of what a shift in time gains by which a zero-order hold without it may explain less (assumed: a delay can be
 adjusted, and follows a step that is not exactly at a sample better than a zero-order hold does)."""
@@ -101,10 +101,10 @@ GAUGE_EFFECTS = "sensor_gain", "sensor_offset"
 DELAY_TERM = EffectTerm("pressure_delay", "dead_time")
 """Delay of the supply."""
 SUPPLY_TERMS = (DELAY_TERM, EffectTerm("pressure_lag", "first_order"))
-"""Effects of the supply that must not hide it."""
+"""Effects of the supply that must not hide a zero-order hold."""
 SUPPLY_FIT_MAX_NFEV = 25
-"""Largest number of evaluations of the residuals of a fit with these (assumed: with 10, a dead time and a lag had not
-converged in one dataset)."""
+"""Largest number of evaluations of the residuals of a fit with effects of the supply (assumed: with 10, a dead time and
+a lag had not converged in one dataset)."""
 
 
 def prepare_zero_order_hold(

@@ -105,8 +105,8 @@ def _list_zero_columns(data: WeightedData, fit: Fit) -> Mapping[str, Array]:
     if all(isinstance(e, BenchExperiment) for e in data.experiments):
         moved = data.with_experiments([e.perturb_inputs(lambda command: command)[1] for e in data.experiments])
         before, after = (
-            each.weight_residuals(each.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)[0])
-            for each in (data, moved)
+            variant.weight_residuals(variant.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)[0])
+            for variant in (data, moved)
         )
         if np.isfinite(after).all():
             columns[LENGTH] = np.concatenate([(after - before) / LENGTH_PERTURBATION, np.zeros(n_priors)])
@@ -126,14 +126,14 @@ def _fit_each_condition(
         for e, weights in zip(data.experiments, data.weights, strict=True)
     ]
     ends = np.cumsum(sizes)
-    own = []
+    condition_columns = []
     for members in conditions:
         part = np.zeros(len(column))
         for trial in members:
             rows = slice(ends[trial] - sizes[trial], ends[trial])
             part[rows] = column[rows]
-        own.append(part)
-    columns = np.column_stack([others, *own])
+        condition_columns.append(part)
+    columns = np.column_stack([others, *condition_columns])
     step = np.linalg.lstsq(columns, -fit.weighted_residuals)[0]
-    left = fit.weighted_residuals + columns @ step
-    return np.asarray(step[-len(own) :]), float(left @ left)
+    remainder = fit.weighted_residuals + columns @ step
+    return np.asarray(step[-len(condition_columns) :]), float(remainder @ remainder)

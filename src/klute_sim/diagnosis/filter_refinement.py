@@ -47,13 +47,13 @@ class _Candidate(NamedTuple):
     detected: Filters
     """Filters with the cut-off frequencies that the noise shows."""
     detected_costs: Mapping[str, float]
-    """Channel -> sum of its squared weighted residuals with these."""
+    """Channel -> sum of its squared weighted residuals with the detected filters."""
     detected_cost: float
-    """Chi squared with these."""
+    """Chi squared with the detected filters."""
     refined: Filters
     """Filters with the cut-off frequencies that the signals show."""
     refined_cost: float
-    """Chi squared with those, and the squared deviation of the cut-off frequency."""
+    """Chi squared with the refined filters, and the squared deviation of the cut-off frequency."""
 
 
 def refine_filters(
@@ -135,8 +135,8 @@ def collect_filters(data: WeightedData) -> dict[str, ChannelFilter]:
 
 
 def _list_aligned(candidates: Sequence[Filters]) -> list[Filters]:
-    """Return the filters with delay among ``candidates``, of channels that are not late, where they are not known."""
-    aligned = [{c: each.align() for c, each in filters.items()} for filters in candidates]
+    """Return the variants of ``candidates`` whose channels are not late, without those that ``candidates`` contain."""
+    aligned = [{c: applied.align() for c, applied in filters.items()} for filters in candidates]
     return [filters for filters in aligned if filters not in candidates]
 
 
@@ -157,8 +157,8 @@ def _compare_cutoffs(data: WeightedData, fit: Fit, filters: Filters) -> _Candida
         return _Candidate(filters, costs, detected_cost, filters, detected_cost)
     nearest = min(LOG_CUTOFF_FACTORS, key=compute_cost)
     bounds = nearest - LOG_CUTOFF_STEP, nearest + LOG_CUTOFF_STEP
-    found = minimize_scalar(compute_cost, bounds=bounds, method="bounded", options={"xatol": LOG_CUTOFF_TOLERANCE})
-    return _Candidate(filters, costs, detected_cost, _scale_cutoffs(filters, float(found.x)), float(found.fun))
+    minimum = minimize_scalar(compute_cost, bounds=bounds, method="bounded", options={"xatol": LOG_CUTOFF_TOLERANCE})
+    return _Candidate(filters, costs, detected_cost, _scale_cutoffs(filters, float(minimum.x)), float(minimum.fun))
 
 
 def _compute_residuals(data: WeightedData, fit: Fit, filters: Filters) -> Array:
@@ -175,7 +175,7 @@ def _compute_residuals(data: WeightedData, fit: Fit, filters: Filters) -> Array:
 
 
 def _scale_cutoffs(filters: Filters, log_factor: float) -> Filters:
-    return {channel: each.scale_cutoff(float(np.exp(log_factor))) for channel, each in filters.items()}
+    return {channel: applied.scale_cutoff(float(np.exp(log_factor))) for channel, applied in filters.items()}
 
 
 def _replace_filters(experiment: Experiment, filters: Filters) -> Experiment:

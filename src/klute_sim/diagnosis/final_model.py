@@ -47,17 +47,25 @@ class FinalModel(NamedTuple):
     """The model that a diagnosis ends with."""
 
     verdict: Verdict
+    """Verdict."""
     reasons: list[str]
+    """Sentences that explain the verdict."""
     data: WeightedData
     """Trials of the final fit."""
     base_fit: Fit
     """Fit without added effects to the same trials."""
     final_fit: Fit
+    """Fit with the added effects."""
     confidence_intervals: list[tuple[float, float]]
+    """95 % interval of each parameter of the final fit, in its own unit."""
     equivalent_models: list[EquivalentModel]
+    """Models that explain the data as well, or nearly so."""
     equation_residuals: list[EquationResidual]
+    """Residuals of the equations of the device, where they locate the misfit."""
     has_converged: bool
+    """Whether a restart of the final fit agrees with it."""
     prediction: PredictiveResult | None = None
+    """Selection by prediction, where it was made."""
     absent_terms: tuple[EffectTerm, ...] = ()
     """Effects that were found and left out, because their interval contains their absence."""
 

@@ -63,7 +63,7 @@ def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
                 diagnosis,
                 misfits,
                 estimate_validation_misfits(diagnosis, data),
-                is_absorbed=can_numbers_absorb(diagnosis, data, evaluated.experiments),
+                is_absorbed=can_refit_explain_all(diagnosis, data, evaluated.experiments),
             )
         if diagnosis.added_terms:
             record_confirmation(diagnosis, is_exercised=exercises_effects(diagnosis, evaluated, residuals))
@@ -145,11 +145,11 @@ def _leaves_misfit(diagnosis: Diagnosis, evaluated: WeightedData, fit: Fit) -> b
     return bool(_select_unseen(diagnosis, estimate_misfit(evaluated.experiments, residuals, evaluated.noise)))
 
 
-def can_numbers_absorb(diagnosis: Diagnosis, data: WeightedData, test_experiments: Sequence[Experiment]) -> bool:
-    """Return whether the final model explains all trials to the noise once its numbers are fitted to all of them.
+def can_refit_explain_all(diagnosis: Diagnosis, data: WeightedData, test_experiments: Sequence[Experiment]) -> bool:
+    """Return whether the final model explains all trials to the noise once it is fitted to all of them.
 
-    Then the fitted trials do not determine the numbers well enough for the test trials, and nothing speaks against the
-    model. ``data`` hold the fitted trials.
+    Then the fitted trials do not determine its parameters well enough for the test trials, and nothing speaks against
+    the model. ``data`` hold the fitted trials.
     """
     assert diagnosis.final_fit is not None
     experiments = [*data.experiments, *test_experiments]
@@ -201,8 +201,8 @@ def record_test_misfit(
     observation = f"All repeats of '{channel}' in the test trials show a misfit of {ratio:.2f} times the noise"
     if is_absorbed:
         diagnosis.reasons.append(
-            f"{observation} with the fitted numbers, and none if the numbers are fitted to them as well: the other "
-            "trials do not determine the numbers well enough. Set use = 'fit' for some of them."
+            f"{observation} with the fitted parameters, and none if these are fitted to them as well: the other trials "
+            "do not determine the parameters well enough. Set use = 'fit' for some of them."
         )
         return
     has_adapted = diagnosis.verdict == "identified" and len(diagnosis.added_terms) > 1

@@ -10,7 +10,7 @@ from klute_sim.device.device import Device
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.dependent_numbers import compute_mounting_error
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.diagnosis.noise.quantization import Quantizer
+from klute_sim.diagnosis.noise.quantization import MAX_DITHER, MIN_DITHER, Quantizer
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.types import Array
 from klute_sim.units import BAR
@@ -136,17 +136,17 @@ def describe_undetermined_parameters(fit: Fit, intervals: Sequence[tuple[float, 
 
     ``intervals`` are the confidence intervals of all parameters of ``fit``, each in its own unit.
     """
-    found = []
+    undetermined = []
     for parameter, (low, high) in zip(fit.hypothesis.parameters, intervals, strict=True):
         term = None if parameter.term_index is None else fit.hypothesis.terms[parameter.term_index]
         if term is None or term.number or term.effect_definition.data_driven:
             continue
         covered = abs(parameter.normalize(high) - parameter.normalize(low))
         if covered > MAX_INTERVAL_FRACTION * float(np.ptp(parameter.bounds)):
-            found.append(f"'{parameter.name}' of {term} ({low:.3g} to {high:.3g})")
-    if not found:
+            undetermined.append(f"'{parameter.name}' of {term} ({low:.3g} to {high:.3g})")
+    if not undetermined:
         return []
-    return [f"The data hardly determine {', '.join(found)}: they show the effect, not this value."]
+    return [f"The data hardly determine {', '.join(undetermined)}: they show the effect, not this value."]
 
 
 def describe_exceeded_tolerance(search: ForwardSelection, base_fit: Fit) -> list[str]:
@@ -165,7 +165,12 @@ def describe_exceeded_tolerance(search: ForwardSelection, base_fit: Fit) -> list
 def describe_quantization(channel: str, quantizer: Quantizer) -> str:
     """Return a sentence about the resolution of a ``channel``."""
     unit, si = CHANNEL_UNITS[channel]
+    ratio = f"{1.0 / quantizer.dither:.1f} times the noise"
+    if quantizer.dither <= MIN_DITHER:
+        ratio = f"at least {1.0 / MIN_DITHER:.0f} times the noise"
+    elif quantizer.dither >= MAX_DITHER:
+        ratio = "no more than the noise"
     return (
-        f"'{channel}' is quantised in steps of {quantizer.resolution / si:.4g} {unit}, "
-        f"{1.0 / quantizer.dither:.1f} times the noise before quantisation; the step is that of the measured values."
+        f"'{channel}' is quantized in steps of {quantizer.resolution / si:.4g} {unit}, {ratio} before quantization; "
+        "the step is that of the measured values."
     )

@@ -65,9 +65,11 @@ class Diagnosis:
     """Result of a diagnosis."""
 
     dataset: Dataset
+    """Diagnosed dataset."""
     split: Split
     """Partition of the trials into fitted, validation and test trials."""
     verdict: Verdict
+    """Verdict."""
     reasons: list[str]
     """Sentences that explain the verdict."""
     noise: dict[str, Noise] = field(default_factory=dict)
@@ -162,7 +164,10 @@ class Diagnosis:
 
     @property
     def recommended_fit(self) -> Fit:
-        """Fit of :attr:`recommended_device`; for the device as declared, its numbers before the fit."""
+        """Fit of :attr:`recommended_device`.
+
+        For the device as declared, only hypothesis and parameters are its own; the residuals are those after the fit.
+        """
         assert self.base_fit is not None
         assert self.final_fit is not None
         if self.is_declared_best:

@@ -233,13 +233,13 @@ def _separate_tendons(hypothesis: Hypothesis, x: Array, ratios: Mapping[str | No
     n_numbers = sum(parameter.term_index is None for parameter in hypothesis.parameters)
     blocks = [x[:n_numbers]]
     for index, term in enumerate(hypothesis.terms):
-        own = [k for k, parameter in enumerate(hypothesis.parameters) if parameter.term_index == index]
+        indices = [k for k, parameter in enumerate(hypothesis.parameters) if parameter.term_index == index]
         is_shared = term.tendon is None and any(
-            _find_diameter_exponent(hypothesis, hypothesis.parameters[k]) for k in own
+            _find_diameter_exponent(hypothesis, hypothesis.parameters[k]) for k in indices
         )
         separated = [term._replace(tendon=tendon) for tendon in ratios] if is_shared else [term]
         terms += separated
-        blocks += [x[own]] * len(separated)
+        blocks += [x[indices]] * len(separated)
     return replace(hypothesis, terms=tuple(terms)), np.concatenate(blocks)
 
 
@@ -285,24 +285,24 @@ def _list_numbers(
     declared = {**other.device.spec.collect_values(), **_collect_mechanism_numbers(other)}
     fit = diagnosis.final_fit
     assert fit is not None
-    found_numbers = _collect_numbers(diagnosis.dataset, fit.hypothesis, fit.values)
+    fitted_numbers = _collect_numbers(diagnosis.dataset, fit.hypothesis, fit.values)
     # A tendon of another name has the errors of the device that all tendons share.
     shared_numbers = fit.hypothesis.correct_numbers(diagnosis.dataset.device, None, fit.values)
     listed = []
     for key, used in _collect_numbers(other, hypothesis, hypothesis.values(scaled_x)).items():
-        found = found_numbers.get(key, shared_numbers.get(key.rpartition(DEVICE_SEPARATOR)[2]))
-        if found is not None:
-            listed.append(TransferredNumber(key, found, used, _describe_rule(key, declared[key], used)))
+        fitted = fitted_numbers.get(key, shared_numbers.get(key.rpartition(DEVICE_SEPARATOR)[2]))
+        if fitted is not None:
+            listed.append(TransferredNumber(key, fitted, used, _describe_rule(key, declared[key], used)))
     rows = zip(hypothesis.parameters, hypothesis.values(x), hypothesis.values(scaled_x), strict=True)
-    for parameter, found, used in rows:
+    for parameter, fitted, used in rows:
         if parameter.term_index is None or hypothesis.terms[parameter.term_index].number:
             continue
         term = hypothesis.terms[parameter.term_index]
         exponent = _find_diameter_exponent(hypothesis, parameter)
         rule = f"diameter to the power {exponent:g}" if exponent else f"as found, in {term.form_definition.equation}"
-        if not np.isclose(used, found * _compute_diameter_factor(hypothesis, parameter, ratios)):
+        if not np.isclose(used, fitted * _compute_diameter_factor(hypothesis, parameter, ratios)):
             rule += ", cut off at a limit of the effect"
-        listed.append(TransferredNumber(f"{term.qualified_name}.{parameter.name}", found, used, rule))
+        listed.append(TransferredNumber(f"{term.qualified_name}.{parameter.name}", fitted, used, rule))
     return tuple(listed)
 
 

@@ -49,7 +49,7 @@ class TransferredNumber:
 
     name: str
     """``section.key`` of a number, or ``effect.key`` of a parameter."""
-    found: float
+    fitted: float
     """Value that the diagnosis found, in the unit of the name."""
     used: float
     """Value for the device of the other dataset, in the unit of the name."""
@@ -166,7 +166,7 @@ class TransferPrediction:
             "warnings": self.warnings,
             "channels": rows,
             "numbers": [
-                {"name": number.name, "found": number.found, "used": number.used, "rule": number.rule}
+                {"name": number.name, "found": number.fitted, "used": number.used, "rule": number.rule}
                 for number in self.numbers
             ],
         }

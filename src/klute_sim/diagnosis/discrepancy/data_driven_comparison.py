@@ -201,8 +201,8 @@ def _list_reading_functions(selection: PredictiveSelection, base_fit: Fit, chann
             if channel in values and not name:
                 values[channel] += unit[1]
             elif channel in values and name in row:
-                own, other = e.measured[channel].time, e.measured[name].time
-                values[channel] = np.interp(own, other, row[name]) / CHANNEL_UNITS[name][1] * unit[1]
+                simulated_values = np.interp(e.measured[channel].time, e.measured[name].time, row[name])
+                values[channel] = simulated_values / CHANNEL_UNITS[name][1] * unit[1]
             rows.append(values)
         priors = np.zeros(base_fit.hypothesis.n_prior_parameters)
         label = f"{unit[0]} per {CHANNEL_UNITS[name][0]} of '{name}'" if name else unit[0]

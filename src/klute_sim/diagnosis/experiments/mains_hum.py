@@ -117,10 +117,10 @@ def _fit_sine_near(time: Array, value: Array, frequency: float, width: float) ->
     """Return the largest sine in ``value`` (n,) within ``width`` of ``frequency`` [Hz]: (n,)."""
     best = np.zeros(len(value))
     for half_width in (width, 2.0 * width / (N_FREQUENCIES - 1)):
-        tried = frequency + np.linspace(-half_width, half_width, N_FREQUENCIES)
-        fits = [_fit_sine(time, value, each) for each in tried]
+        frequencies = frequency + np.linspace(-half_width, half_width, N_FREQUENCIES)
+        fits = [_fit_sine(time, value, f) for f in frequencies]
         index = int(np.argmax([fit @ fit for fit in fits]))
-        frequency, best = float(tried[index]), fits[index]
+        frequency, best = float(frequencies[index]), fits[index]
     return best
 
 

@@ -295,11 +295,11 @@ def _group_influences(data: WeightedData, fit: Fit, pseudoinverse: Array) -> lis
             default = next(of_other_groups, scaled_residual[np.newaxis])
             series = experiment.measured[channel]
             interval, n_samples = series.sampling_interval, len(scaled_residual)
-            own = deviations.get((experiment.group, channel))
-            if own is None:
+            rows_of_group = deviations.get((experiment.group, channel))
+            if rows_of_group is None:
                 noise = np.array([np.resize(row, n_samples) for row in default])
             else:
-                noise = align_deviations(own, experiment.align_time(series.time - experiment.start_time))
+                noise = align_deviations(rows_of_group, experiment.align_time(series.time - experiment.start_time))
             sensitivity = pseudoinverse[:, start : start + n_samples] * data.noise[channel].weight(interval)
             sensitivity = sensitivity / experiment.input_error_scale.get(channel, 1.0)
             trial.append(ChannelInfluence(sensitivity, noise, interval))

@@ -29,8 +29,8 @@ GRADIENT_TOLERANCE = 1e-15
 """Gradient of chi squared that counts as 0. An effect without influence at the starting point has such a gradient, and
 the solver would divide by it."""
 MAX_CHI2_RISE = 0.5
-"""Largest rise of chi squared over a fit with coarse simulations, before it is repeated: with normal ones, or, if it is
-preliminary, with their error at its own start."""
+"""Largest rise of chi squared in a fit with coarse simulations; beyond it, the fit is repeated. A preliminary fit
+is repeated with the error of coarse simulations at its own start, any other with normal simulations."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,9 +44,9 @@ def add_noise_scales(
 ) -> tuple[list[Experiment], list[str]]:
     """Return ``experiments`` with noise scales, and remarks about trials that count less.
 
-    The root mean square of the scales over the repeats of ``fit_experiments`` is 1. Channels without repeats keep a
-    scale of 1, and so does a test trial whose simulation diverges. An input to which a channel does not respond leaves
-    its scale.
+    Before timing and noisy trials count, the mean square of the scales over the repeats of ``fit_experiments`` is 1.
+    Channels without repeats keep a scale of 1, and so does a test trial whose simulation diverges. An input to which a
+    channel does not respond leaves its scale.
 
     Raises SimulationError when the simulation of another trial diverges.
     """

@@ -10,20 +10,22 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.selection.bounds import refine_effects
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
-from klute_sim.diagnosis.selection.robustness import MAX_EXCESS_FRACTION, EquivalentModel
+from klute_sim.diagnosis.selection.robustness import EquivalentModel
 from klute_sim.diagnosis.selection.selection_step import SelectionStep
 
 MAX_FORM_EXCESS_FRACTION = 0.01
-"""Largest excess of chi squared of such a rival over the fit with the first effect alone, as a fraction of what that
+"""Largest excess of chi squared of a rival over the fit with the first effect alone, as a fraction of what that effect
 gains; or what the small effects gain, if that is more (assumed: the form of an effect is known to a tenth of its
 size)."""
+MAX_REMAINDER_FRACTION = 0.03
+"""Largest part of the fall of chi squared that the other effects add beside an effect with such rivals (assumed)."""
 
 
 def find_rivals_of_main_effect(search: ForwardSelection, base_fit: Fit, final_fit: Fit) -> list[EquivalentModel]:
     """Return the rivals of the first effect of ``final_fit``, best first; each is the only name of its model.
 
-    Empty where ``final_fit`` has one name, or where the others gain more than :data:`MAX_EXCESS_FRACTION` of the fall
-    of chi squared. Repeats show a misfit beside a rival, as they do beside the first effect alone.
+    Empty where ``final_fit`` has one name, or where the others gain more than :data:`MAX_REMAINDER_FRACTION` of the
+    fall of chi squared. Repeats show a misfit beside a rival, as they do beside the first effect alone.
     """
     names = final_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     step = search.history[0] if search.history else None
@@ -33,7 +35,7 @@ def find_rivals_of_main_effect(search: ForwardSelection, base_fit: Fit, final_fi
         return []
     main_fit = refine_effects(search.data, step.refits[0])
     remainder = main_fit.chi2 - final_fit.chi2
-    if not 0.0 < remainder <= MAX_EXCESS_FRACTION * (base_fit.chi2 - final_fit.chi2):
+    if not 0.0 < remainder <= MAX_REMAINDER_FRACTION * (base_fit.chi2 - final_fit.chi2):
         return []
     max_chi2 = main_fit.chi2 + max(remainder, MAX_FORM_EXCESS_FRACTION * (base_fit.chi2 - main_fit.chi2))
     # Uncertain numbers may be at their limits beside one effect, as long as others do not relieve them.

@@ -23,11 +23,11 @@ MIN_DELAY_INTERVALS = 0.5
 whichever is longer (assumed: between logged samples the simulation follows a straight line, whose corners may be off by
 as much)."""
 MIN_SUFFICIENT_DELAY_INTERVALS = 0.1
-"""Shortest one that is named where repeats show no misfit beside it (assumed): an error of straight lines between
-samples would remain in other channels."""
+"""Shortest lag or shift, in the same intervals, that is named where repeats show no misfit beside it (assumed): an
+error of straight lines between samples would remain in other channels."""
 MIN_SHORT_DELAY_BIC_FALL = 18.0
-"""Smallest fall of BIC by which one below :data:`MIN_DELAY_INTERVALS` is named: three times what other names need
-(assumed: one of a seventh of an interval completed a simulated law that was not exact, with a fall of 10)."""
+"""Smallest fall of BIC by which a lag or shift below :data:`MIN_DELAY_INTERVALS` is named: three times what other names
+need (assumed: one of a seventh of an interval completed a simulated law that was not exact, with a fall of 10)."""
 IMPLAUSIBLE_REASON = "would be further off than instruments are"
 """Reason why a large error of an instrument is not named."""
 MAX_INSTRUMENT_DELAY_S = 0.1
@@ -160,9 +160,10 @@ def _find_relevant_interval(data: WeightedData, channel: str | None) -> float:
         for name, series in e.measured.items():
             if len(series.time) > 1:
                 intervals.setdefault(name, []).append(float(np.median(np.diff(series.time))))
-    usual = float(np.median([interval for own in intervals.values() for interval in own])) if intervals else 0.0
-    own = intervals.get(channel or "")
-    return max(usual, float(np.median(own)) if own else 0.0)
+    all_intervals = [interval for values in intervals.values() for interval in values]
+    usual = float(np.median(all_intervals)) if all_intervals else 0.0
+    channel_intervals = intervals.get(channel or "")
+    return max(usual, float(np.median(channel_intervals)) if channel_intervals else 0.0)
 
 
 def find_terms_at_bound(fit: Fit) -> list[EffectTerm]:

@@ -71,11 +71,11 @@ def _carry_values(simple: Fit, hypothesis: Hypothesis, index: int) -> Array | No
     start[[p.term_index != index for p in hypothesis.parameters]] = simple.x[
         [p.term_index != index for p in simple.hypothesis.parameters]
     ]
-    own = {p.name: i for i, p in enumerate(hypothesis.parameters) if p.term_index == index}
+    indices = {p.name: i for i, p in enumerate(hypothesis.parameters) if p.term_index == index}
     for parameter, x in zip(simple.hypothesis.parameters, simple.x, strict=True):
         if parameter.term_index != index:
             continue
-        match = [i for name, i in own.items() if name == parameter.name or name.endswith(f"_{parameter.name}")]
+        match = [i for name, i in indices.items() if name == parameter.name or name.endswith(f"_{parameter.name}")]
         if len(match) != 1:
             return None
         start[match[0]] = hypothesis.parameters[match[0]].normalize(parameter.denormalize(float(x)))

@@ -34,7 +34,7 @@ def screen_pairs(base_fit: Fit, candidates: Sequence[Candidate]) -> list[Candida
     """Return pairs of ``candidates``, largest predicted fall of chi squared first, the better one of each pair first.
 
     By linearisation at ``base_fit``: the sensitivities orthogonal to the fitted parameters are projected together. A
-    pair of equal effects, and one in which a size would leave its bounds, is omitted.
+    pair of equal effects, and one in which an effect would have a sign that it cannot have, is omitted.
     """
     if len(candidates) < 2:
         return []

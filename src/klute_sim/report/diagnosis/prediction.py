@@ -40,7 +40,7 @@ def build_numbers_table(prediction: TransferPrediction) -> Table:
     """Return the fitted numbers and parameters of effects, as found and as used for the other dataset."""
     table = create_table("number", "found", "used", "rule", title=f"Carried over to '{prediction.dataset_name}'")
     for number in prediction.numbers:
-        table.add_row(number.name, f"{number.found:.4g}", f"{number.used:.4g}", number.rule)
+        table.add_row(number.name, f"{number.fitted:.4g}", f"{number.used:.4g}", number.rule)
     return table
 
 
