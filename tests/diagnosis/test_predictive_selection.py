@@ -13,6 +13,7 @@ from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals, decide_verdict
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, estimate_noise_from_residuals
+from klute_sim.diagnosis.selection import predictive_selection
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_infeasible_terms, find_naming_obstacle
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
@@ -25,6 +26,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     choose_stable_model,
     divide_into_folds,
     is_as_good,
+    list_certain_models,
     list_reduced_models,
     refuse_redundant_terms,
 )
@@ -169,6 +171,30 @@ def test_names_that_explain_too_little_alone_stay_together(error: float, n_names
     other = make_model((FRICTION, TAPER, TENSION), [0.21] * 6, "it is at its bound")
     chosen = selection._decide(BASE, [pair, other, single, BASE]).chosen
     assert chosen.identities == {term.identity for term in (FRICTION, GAIN)[:n_names]}
+
+
+@pytest.mark.parametrize(("remaining_obstacle", "n_names"), [("", 1), ("it is at its bound", 2)])
+def test_names_that_nothing_replaces_may_need_numbers_at_their_limits(
+    remaining_obstacle: str, n_names: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a joint with an imperfect law, the inertia alone needed a friction that the wall or a ratio would change."""
+    selection = object.__new__(PredictiveSelection)
+    selection.data, selection.folds, selection.fold_kind = WeightedData(Simulator(1), [], {}), [[]] * 6, "condition"
+    accepted = []
+
+    def find_obstacle(data: WeightedData, fit: Fit, *, accepts_numbers_at_limit: bool) -> str:
+        accepted.append(accepts_numbers_at_limit)
+        return remaining_obstacle
+
+    monkeypatch.setattr(predictive_selection, "find_naming_obstacle", find_obstacle)
+    pair, single = make_model((FRICTION, GAIN), [0.2] * 6), make_model((FRICTION,), [0.5] * 6, "a number is at a limit")
+    other = make_model((FRICTION, TAPER), [0.21] * 6)
+    chosen = selection._decide(BASE, [pair, other, single, BASE]).chosen
+    assert chosen.identities == {term.identity for term in (FRICTION, GAIN)[:n_names]}
+    assert accepted == [True]
+    # Not where nothing replaces the other name, or everything is replaced.
+    assert len(selection._decide(BASE, [pair, single, BASE]).chosen.terms) == 2
+    assert not list_certain_models(pair, [pair, other, make_model((GAIN,), [0.2] * 6), single, BASE])
 
 
 def test_names_that_one_fold_decides_do_not_withhold_the_others() -> None:

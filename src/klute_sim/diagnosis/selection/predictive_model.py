@@ -248,7 +248,7 @@ def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp], noi
 def refuse_redundant_terms(
     base: PredictiveModel, models: Sequence[PredictiveModel], n_folds: int, noise: float = 0.0
 ) -> list[PredictiveModel]:
-    """Return ``models``; one that may be named only for a term that predicts nothing may not be named.
+    """Return ``models``; those that may be named only because of a redundant term get an obstacle.
 
     Such a model contains a smaller one, of equal forms, that would be chosen before it and has an obstacle, such as a
     parameter at its bound. A further term always moves that parameter a little; that is no evidence for the term.
@@ -288,6 +288,17 @@ def list_reduced_models(
     """
     replaced = list_replaced_names(chosen, models)
     return [m for m in nameable if m.terms and m.identities < chosen.identities and replaced - m.identities]
+
+
+def list_certain_models(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> list[PredictiveModel]:
+    """Return the refused ones of ``models`` with exactly the names of ``chosen`` that no other model replaces.
+
+    The list is empty where all names of ``chosen`` are replaced, or none.
+    """
+    certain = chosen.identities - list_replaced_names(chosen, models)
+    if not certain or certain == chosen.identities:
+        return []
+    return [model for model in models if model.obstacle and model.identities == certain]
 
 
 def list_replaced_names(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> frozenset[Identity]:

@@ -41,6 +41,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     compute_share,
     divide_into_folds,
     is_as_good,
+    list_certain_models,
     list_reduced_models,
     rank_model,
     refuse_redundant_terms,
@@ -313,7 +314,8 @@ class PredictiveSelection:
             fit, is_reproducible = check_convergence(self.data, coarse.fit, np.random.default_rng(self.seed))
             assessed = self._admit_numbers(base, self.assess(fit))
             refined = replace(assessed, errors=coarse.errors, is_reproducible=is_reproducible)
-            models = self._add_simplified(base, refined, [refined if model is coarse else model for model in models])
+            models = [refined if model.fit is coarse.fit else model for model in models]
+            models = self._add_simplified(base, refined, models)
 
     def _decide(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
         fold_noise = [noise for noise in map(self.compute_fold_noise, self.folds) if noise is not None]
@@ -322,6 +324,12 @@ class PredictiveSelection:
         nameable = [model for model in models if not model.obstacle]
         chosen, stability = choose_stable_model(nameable, len(self.folds), noise) if nameable else (base, {})
         has_proxies = are_proxies(chosen, models)
+        # Further names take numbers away from their limits, but so would what replaces these names.
+        nameable += [
+            replace(model, obstacle="")
+            for model in list_certain_models(chosen, models)
+            if not find_naming_obstacle(self.data, model.fit, accepts_numbers_at_limit=True)
+        ]
         while not has_proxies and (reduced := list_reduced_models(chosen, nameable, models)):
             reduced_choice, reduced_stability = choose_stable_model(reduced, len(self.folds), noise)
             if compute_share(base, reduced_choice, noise) < MIN_SHARE:
@@ -361,15 +369,15 @@ def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], r
         if channel not in data.noise:
             continue
         noise[channel] = estimate._replace(std=max(estimate.std, data.noise[channel].std))
-    kept = []
+    experiments_once = []
     for members in group_repeats(plain).values():
         counted: set[str] = set()
         for e in sorted((plain[index] for index in members), key=_count_samples, reverse=True):
             new = {channel: series for channel, series in e.measured.items() if channel not in counted}
             if new:
-                kept.append(e if len(new) == len(e.measured) else replace(e, measured=new))
+                experiments_once.append(e if len(new) == len(e.measured) else replace(e, measured=new))
                 counted |= new.keys()
-    return WeightedData(data.simulator, kept, noise, data.cache, has_law_error=True)
+    return WeightedData(data.simulator, experiments_once, noise, data.cache, has_law_error=True)
 
 
 def _count_samples(experiment: Experiment) -> int:
