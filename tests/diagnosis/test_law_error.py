@@ -145,6 +145,19 @@ def test_smallest_of_several_models_is_the_rival() -> None:
     assert rival.sentence.startswith("muscle_damping (viscous) would add little to seal_friction (coulomb) and braid_")
 
 
+@pytest.mark.parametrize("order", [(SEAL, LENGTH), (LENGTH, SEAL)])
+def test_effect_beside_a_wrong_number_may_have_an_error_of_its_law(order: tuple[EffectTerm, EffectTerm]) -> None:
+    """A taper that gained 0.02 % was named beside a hysteresis and a wrong length, for a small error of simulation."""
+    search = make_search(make_fit(order[0], chi2=5000.0), order[1])
+    second, final = make_fit(*order, chi2=110.0), make_fit(*order, DAMPING, chi2=100.0)
+    search.history.append(SelectionStep(second, (), (final,), DAMPING, {}, ""))
+    rival = find_simpler_rival(search, make_fit(chi2=1e4), final)
+    assert rival is not None
+    assert rival.model.fit is second
+    assert "an error of the law of seal_friction (coulomb). So" in rival.sentence
+    assert "alone, with seal_friction (coulomb) in a form that is not in the catalogue, is as likely" in rival.sentence
+
+
 @pytest.mark.parametrize(
     ("terms", "main"),
     [

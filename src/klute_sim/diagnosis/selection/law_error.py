@@ -48,26 +48,27 @@ def find_simpler_rival(search: ForwardSelection, base_fit: Fit, final_fit: Fit) 
     names = final_fit.hypothesis.terms[n_base:]
     for step in search.history[1:]:
         first = step.initial_fit.hypothesis.terms[n_base:]
-        # Numbers and instruments have no law of their own.
-        if len(first) >= len(names) or any(term.number or term.channel for term in first):
+        with_law = [term for term in first if _has_law(term)]
+        if len(first) >= len(names):
             break
-        if not step.initial_fit.identities < final_fit.identities:
+        if not with_law or not step.initial_fit.identities < final_fit.identities:
             continue
         smaller_fit = refine_effects(search.data, step.initial_fit)
         remainder = smaller_fit.chi2 - final_fit.chi2
         if remainder <= 0.0:
             continue
-        first_names = _join(first)
+        first_names, law_names = _join(first), _join(with_law)
         further_names = _join(term for term in names if term.identity not in step.initial_fit.identities)
         if remainder <= MAX_FORM_EXCESS_FRACTION * (base_fit.chi2 - smaller_fit.chi2):
             evidence = f"{further_names} would add little to {first_names}"
         elif variable := _find_variable(search.data, smaller_fit, n_base, MIN_VARIATION_SHARE * remainder):
-            evidence = f"If {first_names} varied with the {variable}, this would explain {further_names}, too"
+            evidence = f"If {law_names} varied with the {variable}, this would explain {further_names}, too"
         else:
             continue
+        form = "in a form" if len(with_law) == len(first) else f"with {law_names} in a form"
         sentence = (
-            f"{evidence}, which may stand for an error of the law of {first_names}. So {first_names} alone, in a form "
-            "that is not in the catalogue, is as likely."
+            f"{evidence}, which may stand for an error of the law of {law_names}. So {first_names} alone, {form} that "
+            "is not in the catalogue, is as likely."
         )
         n = search.data.n_effective
         model = EquivalentModel(smaller_fit, smaller_fit.bic(n) - final_fit.bic(n), reaches_noise=False)
@@ -97,7 +98,10 @@ def _iterate_variations(data: WeightedData, fit: Fit, n_base: int) -> Iterator[t
     sizes = [
         fit.jacobian[:, k]
         for k, parameter in enumerate(fit.hypothesis.parameters)
-        if parameter.term_index is not None and parameter.term_index >= n_base and not parameter.is_logarithmic
+        if parameter.term_index is not None
+        and parameter.term_index >= n_base
+        and not parameter.is_logarithmic
+        and _has_law(fit.hypothesis.terms[parameter.term_index])
     ]
     for variable, values in (
         ("pressure", [response.pressure for response in responses]),
@@ -121,6 +125,11 @@ def _compute_linear_chi2(fit: Fit, sensitivities: list[Array]) -> float:
     target = -fit.weighted_residuals
     residual = columns @ np.linalg.lstsq(columns, target)[0] - target
     return float(residual @ residual)
+
+
+def _has_law(term: EffectTerm) -> bool:
+    """Return whether ``term`` has a law that may have an error; wrong numbers and faults of instruments have none."""
+    return not (term.number or term.channel)
 
 
 def _join(terms: Iterable[EffectTerm]) -> str:
