@@ -66,8 +66,9 @@ STEP = np.where(TIME % 2.0 < 1.0, 900.0, 500.0)
         np.abs(np.sin(2.0 * np.pi * 5.0 * TIME)),  # has lines at 50, 60, ... Hz
         make_hum(41.0, 5.0),
         np.full(len(TIME), 3.0),
+        3e5 + 1e-8 * np.random.default_rng(1).normal(size=len(TIME)) + make_hum(50.0, 1e-6),
     ],
-    ids=["motion", "white noise", "steps", "square wave", "rectified sine", "vibration", "constant"],
+    ids=["motion", "white noise", "steps", "square wave", "rectified sine", "vibration", "constant", "rounding"],
 )
 def test_other_signals_stay(force: np.ndarray) -> None:
     trial = make_trial(TIME, force=force)

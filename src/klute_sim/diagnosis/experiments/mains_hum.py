@@ -36,6 +36,8 @@ MIN_DURATION = 2.0
 """Shortest record whose spectrum separates the mains from other frequencies [s] (assumed)."""
 SEGMENT_DURATION = 10.0
 """Longest interval in which the frequency counts as constant [s] (assumed: it wanders by 0.02 Hz in a minute)."""
+MIN_AMPLITUDE_FRACTION = 1e-9
+"""Smallest amplitude of a line, as a fraction of the largest value: a smaller one is an error of rounding (assumed)."""
 N_FREQUENCIES = 15
 """Number of frequencies that are tried within one bin of a peak, and again between the neighbors of the best one."""
 
@@ -89,10 +91,11 @@ def _split_hum(series: TimeSeries) -> tuple[TimeSeries, list[MainsLine]]:
     for mains in MAINS_FREQUENCIES:
         for multiple in range(1, int(MAX_NYQUIST_FRACTION * 0.5 * rate / mains) + 1):
             hum = _fit_line(series.time, value, rate, multiple * mains)
-            if hum is None:
+            amplitude = 0.0 if hum is None else float(np.sqrt(2.0) * hum.std())
+            if hum is None or amplitude <= MIN_AMPLITUDE_FRACTION * np.abs(value).max():
                 continue
             value = value - hum
-            lines.append(MainsLine(multiple * mains, float(np.sqrt(2.0) * hum.std())))
+            lines.append(MainsLine(multiple * mains, amplitude))
     return (series._replace(value=np.where(is_finite, value, np.nan)), lines) if lines else (series, [])
 
 
