@@ -78,6 +78,8 @@ def test_rest_stays() -> None:
         np.where(TIME % 2.0 < 1.0, 0.35, 0.34),
         np.where(TIME < 1.0, np.nan, quantize(MOTION, 1e-4)),
         quantize(0.35 + 0.01 * np.abs((5.0 * TIME) % 2.0 - 1.0), 5e-5),
+        quantize(np.where(TIME < 1.0, 0.36, 0.35 + 0.01 * np.abs(TIME % 2.0)), 1e-6),
+        quantize(0.35 + 0.009 * np.abs((TIME / 2.0) % 2.0 - 1.0), 1e-6),
     ],
     ids=[
         "exact",
@@ -88,6 +90,8 @@ def test_rest_stays() -> None:
         "two lengths",
         "missing samples",
         "quick reversals",
+        "saw teeth of one speed",
+        "ramps of one speed",
     ],
 )
 def test_other_motions_stay(length: np.ndarray) -> None:

@@ -22,7 +22,7 @@ from klute_sim.types import Array
 MAX_LEVELS = 2000
 """Largest number of steps in the range of a motion; finer ones are lost in the noise of a load cell (assumed)."""
 MIN_CHANGES = 20
-"""Fewest changes that show steps (assumed)."""
+"""Fewest changes that show steps, and fewest changes of their size (assumed)."""
 MAX_MULTIPLE = 4
 """Largest number of steps that the smallest change of a fast motion may be (assumed)."""
 STEP_TOLERANCE = 0.02
@@ -112,7 +112,10 @@ def _find_step(series: TimeSeries) -> float | None:
         step = float(changes.sum() / np.round(changes / step).sum())
         levels = (value - value[0]) / step
         if span / step <= MAX_LEVELS and np.abs(levels - np.round(levels)).max() <= STEP_TOLERANCE:
-            return step if _estimate_noise(value, step) <= MAX_NOISE else None
+            # Ramps at one speed change by the same amount in every sample, whatever the resolution is.
+            sizes = np.abs(np.diff(np.round(levels)))
+            varies = np.count_nonzero(np.diff(sizes)) >= MIN_CHANGES
+            return step if varies and _estimate_noise(value, step) <= MAX_NOISE else None
     return None
 
 
