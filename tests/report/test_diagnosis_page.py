@@ -11,7 +11,7 @@ import pytest
 from klute_sim.diagnosis import verdict as verdict_content
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.rejections import Rejection, list_rejections
-from klute_sim.diagnosis.result import ChannelRms, Diagnosis
+from klute_sim.diagnosis.result import ChannelRms, Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.transfer_prediction import ChannelPrediction, TransferPrediction
 from klute_sim.diagnosis.verdict import verdict_to_dict
@@ -186,11 +186,17 @@ def test_equivalent_models_are_listed_with_their_difference(diagnosis: Diagnosis
     (model,) = indistinguishable.equivalent_models
     term = EffectTerm("unknown_force", "sparse")
     free = model._replace(fit=replace(fit, hypothesis=replace(fit.hypothesis, terms=(term,))))
-    sentence = words.describe_verdict(replace(indistinguishable, equivalent_models=[model, free]))
+    unlimited = replace(indistinguishable, options=DiagnosisOptions(), equivalent_models=[model, free])
+    sentence = words.describe_verdict(unlimited)
     assert sentence.endswith(
         f"; {name} would explain the data equally well; or an effect is missing that is not in the catalogue, and a "
         "data-driven term represents it."
     )
+    chosen = replace(indistinguishable, options=DiagnosisOptions(exclude=("leak",)), equivalent_models=[model, free])
+    assert "an effect is missing that is not among the effects that you allowed" in words.describe_verdict(chosen)
+    larger = (*indistinguishable.added_terms, EffectTerm("seal_friction", "coulomb"))
+    sentence = words.describe_verdict(replace(indistinguishable, added_terms=larger))
+    assert sentence.endswith(f"; {name} alone would explain the data equally well.")
     near = [model._replace(reaches_noise=False)]
     sentence = words.describe_verdict(replace(indistinguishable, equivalent_models=near))
     assert sentence.endswith(f"; {name} would explain nearly as much.")

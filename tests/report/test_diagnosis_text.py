@@ -168,8 +168,10 @@ def test_probabilities_name_their_source(diagnosis: Diagnosis) -> None:
     sentence = words.describe_probabilities(diagnosis)
     assert sentence.startswith("Probabilities, calibrated on ")
     assert "simulated datasets of the benchmark: " in sentence
-    assert "no missing effect as large as the noise" in sentence
+    assert "that nothing as large as the noise is missing" in sentence
     assert words.describe_probabilities(replace(diagnosis, verdict="insufficient-data")) == ""
+    sentence = words.describe_probabilities(replace(diagnosis, verdict="indistinguishable"))
+    assert sentence.endswith("these data do not prefer it to the others.")
 
 
 def test_effect_that_test_trials_do_not_show_is_as_large_as_in_the_fitted_ones(diagnosis: Diagnosis) -> None:

@@ -140,19 +140,17 @@ def select_decisive_term(
         return None
     term_fit, equation = decisive.adequate
     reason = (
-        f"A data-driven term in the equation of {equation} explains the data to the noise, and no effects of the "
-        "catalogue do"
+        f"A data-driven term in the equation of {equation} explains the data to the noise, and no candidate effects do"
     )
     if decisive.named_fit is None:
-        reason += ": the missing effect is not in the catalogue."
+        reason += f": the missing effect {options.absence}."
         reasons = [reason, *_describe_misfit(search, final_fit)]
         return _replace_names(search, base_fit, term_fit, reasons, options)
     named_fit = decisive.named_fit
     share = (base_fit.chi2 - named_fit.chi2) / (base_fit.chi2 - term_fit.chi2)
     reason += (
         f". {_list_names(base_fit, named_fit)} would explain {100.0 * share:.0f} % of what the term explains, from "
-        "elsewhere: either this is missing in another form, or the missing effect is not in the catalogue and "
-        "resembles it."
+        f"elsewhere: either this is missing in another form, or the missing effect {options.absence} and resembles it."
     )
     data_driven_model = EquivalentModel(term_fit, compute_bic_difference(search, term_fit, named_fit))
     return FinalModel(
@@ -242,8 +240,8 @@ def select_imperfect_model(
         reason = (
             f"A data-driven term of the same size {data_driven_model.description} predicts better: it leaves "
             f"{100.0 * data_driven_model.error / result.base.error:.1f} % of the squared error, the effects "
-            f"{100.0 * result.chosen.error / result.base.error:.1f} %. The missing effect is not in the catalogue, and "
-            "these effects only imitate it."
+            f"{100.0 * result.chosen.error / result.base.error:.1f} %. The missing effect {options.absence}, and these "
+            "effects only imitate it."
         )
         term_fit = base_fit  # no device file holds a term in a reading
         if data_driven_model.fit is not None:

@@ -45,6 +45,11 @@ class DiagnosisOptions:
     seed: int = 0
     """Random seed for multi-start fits."""
 
+    @property
+    def absence(self) -> str:
+        """Predicate of an effect that is no candidate."""
+        return "is not among the effects that you allowed" if self.only or self.exclude else "is not in the catalogue"
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ChannelRms:
@@ -68,6 +73,8 @@ class Diagnosis:
     """Diagnosed dataset."""
     split: Split
     """Partition of the trials into fitted, validation and test trials."""
+    options: DiagnosisOptions = field(default_factory=DiagnosisOptions)
+    """Options of the workflow."""
     verdict: Verdict
     """Verdict."""
     reasons: list[str]

@@ -195,6 +195,7 @@ def _run_workflow(
     diagnosis = Diagnosis(
         dataset=dataset,
         split=partition,
+        options=options,
         verdict=selected.verdict,
         reasons=[*reasons, *selected.reasons],
         noise=dict(search.data.noise),

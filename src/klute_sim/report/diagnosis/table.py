@@ -14,7 +14,7 @@ from klute_sim.terminal_table import create_table
 
 def iterate_summary(diagnosis: Diagnosis) -> Iterator[Table | str]:
     """Yield the verdict, its reasons, the added effects, the residuals, the next experiment and the split."""
-    yield text.describe_verdict(diagnosis)
+    yield f"Verdict: {diagnosis.verdict}. {text.describe_verdict(diagnosis)}"
     sentences = [
         text.describe_equation_residuals(diagnosis),
         text.describe_probabilities(diagnosis),

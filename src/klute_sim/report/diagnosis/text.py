@@ -175,16 +175,19 @@ def _describe_alternatives(diagnosis: Diagnosis) -> str:
     sets = [diagnosis.list_added_terms(model.fit) for model in diagnosis.equivalent_models]
     is_free = [any(term.effect_definition.data_driven for term in terms) for terms in sets]
     names: dict[bool, dict[str, None]] = {True: {}, False: {}}
+    added = {term.identity for term in diagnosis.added_terms}
     for model, terms, free in zip(diagnosis.equivalent_models, sets, is_free, strict=True):
         if not free:
-            names[model.reaches_noise][join_words([format_term(t) for t in terms])] = None
+            is_part = {term.identity for term in terms} < added
+            listed = join_words([format_term(t) for t in terms])
+            names[model.reaches_noise][f"{listed} alone" if is_part else listed] = None
     by_prediction = any(model.criterion == "prediction error" for model in diagnosis.equivalent_models)
     claim = "predict as well" if by_prediction else "explain the data equally well"
     clauses = f"; {join_words(list(names[True]), 'or')} would {claim}" if names[True] else ""
     if names[False]:
         clauses += f"; {join_words(list(names[False]), 'or')} would explain nearly as much"
     if any(is_free):
-        clauses += "; or an effect is missing that is not in the catalogue, and a data-driven term represents it"
+        clauses += f"; or an effect is missing that {diagnosis.options.absence}, and a data-driven term represents it"
     return clauses
 
 
@@ -269,11 +272,14 @@ def describe_probabilities(diagnosis: Diagnosis) -> str:
     probabilities = estimate_probabilities(diagnosis)
     if probabilities is None:
         return ""
-    clauses = [f"{format_term(term)} {100.0 * p:.0f} %" for term, p in probabilities.names.items()]
+    clauses = [f"{100.0 * p:.0f} % for {format_term(term)}" for term, p in probabilities.names.items()]
     # An effect that is found may be smaller than the noise, so that both probabilities are large.
-    clauses.append(f"no missing effect as large as the noise {100.0 * probabilities.nothing_missing:.0f} %")
+    clauses.append(f"{100.0 * probabilities.nothing_missing:.0f} % that nothing as large as the noise is missing")
     source = f"calibrated on {probabilities.n_datasets} simulated datasets of the benchmark"
-    return f"Probabilities, {source}: {join_words(clauses)}."
+    sentence = f"Probabilities, {source}: {join_words(clauses)}."
+    if diagnosis.verdict == "indistinguishable" and probabilities.names:
+        sentence += " The first of equivalent sets was true so often there; these data do not prefer it to the others."
+    return sentence
 
 
 def _name_pressure(device: str | None) -> str:
