@@ -93,6 +93,10 @@ def test_disturbances_reach_the_walk() -> None:
     free = ks.simulate_walk(intact=True, seconds=7.0)
     pushed = ks.simulate_walk(intact=True, seconds=7.0, push=(5.0, 30.0))
     assert pushed.recording["push"].max() == pytest.approx(50.0)
+    assert "Push on the hip: +5 N·s at 30 % of the right leg's first stride after 5 s." in pushed.format_summary()
+    short = list(ks.simulate_walk(intact=True, seconds=3.0).format_summary())
+    assert all(isinstance(item, str) for item in short)  # no table without a stride
+    assert short[1].startswith("No stride is complete after the first 3 s")
     same = free.recording["time"] < 5.0
     assert (free.recording["hip_x"][same[: len(free.recording)]] == pushed.recording["hip_x"][same]).all()
     uphill = ks.simulate_walk(intact=True, seconds=4.0, slope=2.0)

@@ -17,6 +17,7 @@ from klute_sim.walker.reflexes.walker_file import load_walker
 from klute_sim.walker.simulation import state as layout
 from klute_sim.walker.simulation import stepping
 from klute_sim.walker.simulation.commands import DeviceCommands
+from klute_sim.walker.simulation.simulate import WalkOptions
 from klute_sim.walker.simulation.simulator import WalkSimulator
 from klute_sim.walker.simulation.walk import Push, Walk
 
@@ -254,6 +255,12 @@ def test_interval_of_a_controller_must_be_a_multiple_of_the_step() -> None:
     simulator = make_simulator(True, dt=7e-4)
     with pytest.raises(InputError, match="allowed: a whole fraction of the controller's interval, 10 ms"):
         DeviceCommands(simulator, parse_controller("machine"), 10)
+
+
+def test_walk_that_ends_before_its_push_is_refused() -> None:
+    assert WalkOptions(seconds=7.0, push=Push(impulse=5.0)).seconds == 7.0
+    with pytest.raises(InputError, match="duration is 6; a push in the first stride after 5 s needs 7 s or more"):
+        WalkOptions(seconds=6.0, push=Push(impulse=5.0))
 
 
 def test_refusals_of_a_push() -> None:

@@ -88,7 +88,8 @@ class WalkRun(RecordedRun):
         from klute_sim.report.walk.table import build_table, collect_remarks, format_headline
 
         yield format_headline(self.summary)
-        yield build_table(self.summary)
+        if self.summary["legs"]:
+            yield build_table(self.summary)
         yield from collect_remarks(self.summary)
 
     def __repr__(self) -> str:
@@ -151,7 +152,7 @@ def simulate_walk(
             condition, or to the nearest one.
         seconds: Duration [s]; a fall ends the walk earlier.
         push: Impulse [N.s], forward positive, and phase of the right leg's stride [%] of a push on the hip in the first
-            stride after 5 s. None: no push.
+            stride after 5 s; the walk must last 7 s. None: no push.
         uneven: Largest height of the blocks of 0.5 m that lie on the ground [mm].
         slope: Ground slope [deg], uphill positive.
         seed: Random seed of the uneven ground.

@@ -73,8 +73,8 @@ def condition_options(function: Callable[..., Any]) -> Callable[..., Any]:
     type=common.PushType(),
     default=None,
     metavar="NS@PCT",
-    help="Push on the hip within 0.1 s: impulse [N·s], forward positive, and phase of the right leg's stride [%], in "
-    "the first stride after 5 s.  [default: no push]",
+    help="Push on the hip within 0.1 s: impulse [N·s], forward positive, and phase of the right leg's stride [%] (0 if "
+    "left out), in the first stride after 5 s; the walk must last 7 s.  [default: no push]",
 )
 @click.option(
     "--uneven",

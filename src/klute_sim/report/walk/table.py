@@ -66,11 +66,18 @@ def build_table(summary: dict[str, Any]) -> Table:
 def collect_remarks(summary: dict[str, Any]) -> list[str]:
     """Return remarks that complete or limit the results, one sentence each."""
     remarks = []
+    if not summary["legs"]:
+        remarks.append("No stride is complete after the first 3 s, so there is no mean stride: walk longer.")
+    if summary["push_n_s"]:
+        remarks.append(
+            f"Push on the hip: {summary['push_n_s']:+g} N·s at {summary['push_phase_pct']:g} % of the right leg's "
+            "first stride after 5 s."
+        )
     if summary["cost_bhargava_j_per_kg_m"] is not None:
         remarks.append(
             f"Metabolic cost of the muscles: {summary['cost_minetti_j_per_kg_m']:.2f} J/kg/m (Minetti and Alexander), "
             f"{summary['cost_bhargava_j_per_kg_m']:.2f} (Bhargava et al.), without the basal rate; compare conditions "
-            "in per cent, and believe only what both laws say."
+            "in per cent, and trust a difference only if both laws show it."
         )
     if summary["step_asymmetry"] is not None:
         remarks.append(

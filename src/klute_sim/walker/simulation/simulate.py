@@ -29,6 +29,9 @@ MAX_SAMPLES = 200_000
 KIND = "predicted (planar reflex model)"
 """What a walk is, beside the tracked gait of the gait rig."""
 
+LONGEST_STRIDE = 2.0
+"""Duration of a slow stride [s] (assumed), within which a push begins."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class WalkOptions:
@@ -44,12 +47,17 @@ class WalkOptions:
     """Push; None: there is none."""
 
     def __post_init__(self) -> None:
-        """Raise InputError when the duration or the time step is out of range."""
+        """Raise InputError when the duration or the time step is out of range, or the walk ends before the push."""
         if not 1e-5 <= self.dt <= MAX_DT:
             raise InputError(f"time step is {1e3 * self.dt:g} ms; allowed: 0.01 to 1 ms")
         limit = MAX_SAMPLES * self.dt
         if not 1.0 <= self.seconds <= limit:
             raise InputError(f"duration is {self.seconds:g}; allowed: 1 to {limit:g} s with this time step")
+        if self.push is not None and self.seconds < self.push.after + LONGEST_STRIDE:
+            raise InputError(
+                f"duration is {self.seconds:g}; a push in the first stride after {self.push.after:g} s needs "
+                f"{self.push.after + LONGEST_STRIDE:g} s or more"
+            )
 
 
 def describe_prosthesis(prosthesis: Prosthesis | None, controller: Controller | None) -> dict[str, Any]:
