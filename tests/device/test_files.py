@@ -165,6 +165,10 @@ def test_file_of_the_first_format_names_the_keys_to_rename() -> None:
 def test_changes_and_effects_give_a_new_device_with_sources(tmp_path: Path) -> None:
     device = load_device("klute-1-1-4-pair")
     assert device.with_changes({}) is device
+    other = device.with_changes({"muscle.resting_length_mm": 150.0}, name="mine")
+    assert (other.name, other.spec.description, other.spec.published) == ("mine", "", [])
+    assert other.spec.muscle.resting_length_mm == 150.0
+    assert device.with_changes({"muscle.resting_length_mm": 150.0}).spec.published == device.spec.published
     changed = device.with_changes({"tendon.stiffness_1_n_per_mm": 80}, source="a test")
     assert changed.parameters.tendon.stiffness_1 == 80e3
     assert changed.spec.sources["tendon.stiffness_1_n_per_mm"] == "a test"

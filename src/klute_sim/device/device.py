@@ -127,16 +127,19 @@ class Device:
         """Return a device with another checked ``spec`` and the file content of this one."""
         return Device.from_spec(spec, self.content)
 
-    def with_changes(self, changes: Mapping[str, float], source: str = "changed") -> "Device":
+    def with_changes(
+        self, changes: Mapping[str, float], source: str = "changed", *, name: str | None = None
+    ) -> "Device":
         """Return a device with changed numbers.
 
         ``changes`` maps ``section.key`` to a value in the unit of the key, such as
         ``{"tendon.stiffness_1_n_per_mm": 80}``. The file of the new device holds the changed numbers and names
-        ``source`` as their source. Without changes the device itself is returned.
+        ``source`` as their source. With a ``name`` it is another device: the description and the published measurements
+        of this one are left out. Without changes and a name the device itself is returned.
 
         Raises InputError when a key is not a number of the device or a value is not allowed.
         """
-        if not changes:
+        if not changes and name is None:
             return self
         content, known = parse_toml(self.content, f"device {self.name}"), self.spec.collect_values()
         for key, value in changes.items():
@@ -144,6 +147,9 @@ class Device:
                 hint = suggest_from(key, known, "docs/devices.md lists all")
                 raise InputError(f"{source}: '{key}' is not a number of device '{self.name}'; {hint}")
             set_number(content, key, value, source)
+        if name is not None:
+            content = {key: value for key, value in content.items() if key not in ("description", "published")}
+            content["name"] = name
         try:
             spec = parse_device_spec(content, self.name)
         except InputError as error:
