@@ -107,10 +107,10 @@ def test_bad_input_is_one_sentence(arguments: list[str], message: str) -> None:
     assert len(done.stderr.strip().splitlines()) == 1
 
 
-def test_existing_example_dataset_is_refused(tmp_path: Path) -> None:
+def test_existing_example_dataset_is_used(tmp_path: Path) -> None:
     command = ("diagnose", "e", "--example", "--only", "nothing")  # the example is written before the refusal
     assert "there is no effect or number 'nothing'" in run(*command, cwd=tmp_path).stderr
-    assert "the example dataset is in e already: leave out --example" in run(*command, cwd=tmp_path).stderr
+    assert "there is no effect or number 'nothing'" in run(*command, cwd=tmp_path).stderr
     (tmp_path / "e" / "dataset.toml").write_text("mine")
     assert "output folder e is not empty" in run(*command, cwd=tmp_path).stderr
 

@@ -210,13 +210,13 @@ def load_dataset(folder: str | Path, device: DeviceLike | None = None, *, accept
 
 
 def write_example_dataset(folder: str | Path) -> None:
-    """Write the example dataset into ``folder`` (new or empty).
+    """Write the example dataset into ``folder``, unless the folder holds it already.
 
-    Raises InputError when the folder holds something already.
+    Raises InputError when the folder holds something else.
     """
     content = _read_example()
-    if _has_files(Path(folder), content):
-        raise InputError(f"the example dataset is in {folder} already: leave out --example")
+    if all((Path(folder) / name).is_file() and (Path(folder) / name).read_bytes() == c for name, c in content.items()):
+        return
     with create_run_folder("dataset", folder) as (_, scratch):
         for name, file_content in content.items():
             (scratch / name).write_bytes(file_content)
@@ -227,17 +227,12 @@ def load_example_dataset(folder: str | Path) -> Dataset:
 
     Raises InputError when the folder holds something else.
     """
-    if not _has_files(Path(folder), _read_example()):
-        write_example_dataset(folder)
+    write_example_dataset(folder)
     return load_dataset(folder)
 
 
 def _read_example() -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in (resources.files("klute_sim.datasets") / "example").iterdir()}
-
-
-def _has_files(folder: Path, content: dict[str, bytes]) -> bool:
-    return all((folder / name).is_file() and (folder / name).read_bytes() == data for name, data in content.items())
 
 
 def diagnose(

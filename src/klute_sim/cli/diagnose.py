@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 @click.command("diagnose", cls=Command)
 @click.argument("folder", metavar="FOLDER", type=NonEmptyPath())
 @section("Input")
-@click.option("--example", is_flag=True, help="Write the example dataset into FOLDER (new or empty), then diagnose it.")
+@click.option(
+    "--example", is_flag=True, help="Write the example dataset into FOLDER unless it is there, and diagnose it."
+)
 @click.option(
     "--draft",
     is_flag=True,
