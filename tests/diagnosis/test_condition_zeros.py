@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
+from klute_sim.diagnosis import condition_registration
 from klute_sim.diagnosis.condition_registration import describe_condition_zeros
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
@@ -85,6 +86,14 @@ def test_zeros_are_told(
 )
 def test_other_errors_are_no_zeros(tmp_path: Path, simulator: Simulator, options: dict[str, object]) -> None:
     assert describe(tmp_path / "data", simulator, lambda e: e, **options) == []
+
+
+def test_zeros_larger_than_the_range_are_another_mistake(
+    tmp_path: Path, simulator: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Forces in kgf that were declared in lbf would need zeros of the length beyond the stroke."""
+    monkeypatch.setattr(condition_registration, "MAX_ZERO_FRACTION", 1e-3)
+    assert describe(tmp_path / "data", simulator, shift_reading("force", 6.0)) == []
 
 
 def test_two_conditions_are_too_few(tmp_path: Path, simulator: Simulator) -> None:

@@ -24,6 +24,8 @@ MIN_ZERO_SHARE = 0.8
 """Smallest share of the misfit that zeros of their own must take to be reported (assumed)."""
 MIN_ZERO_GAIN = 10.0
 """Smallest fall of chi squared by each zero (assumed: noise makes each fall by about 1)."""
+MAX_ZERO_FRACTION = 1.0
+"""Largest zero, as a fraction of the range of its channel (assumed: a larger one is another mistake, as of a unit)."""
 MIN_CONDITIONS = 3
 """Fewest conditions whose zeros tell anything (assumed): two zeros take most of any error of the force."""
 LENGTH = "length"
@@ -83,6 +85,8 @@ def describe_condition_zeros(data: WeightedData, base_fit: Fit) -> list[str]:
     share = gain / misfit
     if share < MIN_ZERO_SHARE or gain < MIN_ZERO_GAIN * len(groups):
         return []
+    if np.abs(changes).max() > MAX_ZERO_FRACTION * _compute_range(data, channel):
+        return []
     unit, factor = ("mm", 1e-3) if channel == LENGTH else CHANNEL_UNITS[channel]
     errors = [f"{-change / factor:+.2g} {unit} in '{group}'" for group, change in zip(groups, changes, strict=True)]
     return [
@@ -90,6 +94,15 @@ def describe_condition_zeros(data: WeightedData, base_fit: Fit) -> list[str]:
         f"it reads {', '.join(errors)}. Was it set anew between conditions? Then correct each zero by a calibration. "
         "Else look for an error that depends on what is constant within a condition."
     ]
+
+
+def _compute_range(data: WeightedData, channel: str) -> float:
+    """Return the range of ``channel`` in all trials [SI]."""
+    if channel == LENGTH:
+        values = [e.unit_length for e in data.experiments if isinstance(e, BenchExperiment)]
+    else:
+        values = [e.measured[channel].value for e in data.experiments if channel in e.measured]
+    return float(np.ptp(np.concatenate(values)))
 
 
 def _list_zero_columns(data: WeightedData, fit: Fit) -> Mapping[str, Array]:
