@@ -15,7 +15,7 @@ from klute_sim.gait.metrics import (
     is_level_ground,
     is_spring_foot,
 )
-from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
+from klute_sim.gait.reference import DEFAULT_NAME, MAX_GRF_TRACKING_RMS_BW
 from klute_sim.gait.rig.hip_path import FORWARD_TOLERANCE_BW, MAX_LEARNING_STRIDES, VERTICAL_TOLERANCE_BW
 from klute_sim.recording.recording import Recording
 from klute_sim.report.gait.reference_text import shorten_reference_name
@@ -72,7 +72,7 @@ PEAK_CHANNELS = {"peak net moment": "ankle_moment", "peak net power (15 ms mean)
 MAX_STRIDE_COLUMNS = 5
 """Largest number of strides beside each other; more do not fit into 80 columns."""
 MAX_USUAL_ALIGNMENT_DEG = 5.0
-"""Largest alignment [deg] without a remark."""
+"""Largest alignment [deg] to a reference of the user without a remark (assumed)."""
 MIN_LEDGER_ENERGY_J = 0.005
 """Smallest energy per stride [J] for which a ledger line is shown."""
 MAX_PERCENTAGE_RATIO = 3.0
@@ -240,7 +240,8 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
         f"Alignment: the prosthesis is turned by {summary['alignment_deg']:+.1f} degrees against the limb "
         "(dorsiflexion positive)."
     )
-    if abs(summary["alignment_deg"]) > MAX_USUAL_ALIGNMENT_DEG:
+    is_users_reference = summary["reference"] != DEFAULT_NAME
+    if is_users_reference and abs(summary["alignment_deg"]) > MAX_USUAL_ALIGNMENT_DEG:
         remarks.append(
             f"That is more than {MAX_USUAL_ALIGNMENT_DEG:g} degrees: the zeros of the ankle angles of the reference "
             "and of the prosthesis probably differ; check the zero of the reference (docs/import.md)."
