@@ -75,7 +75,9 @@ def find_delays(trials: Sequence[Trial], accepted: Collection[str]) -> list[Find
 
 @pytest.mark.slow
 def test_walks_without_findings_are_examined_beside_an_accepted_one(walks: Path) -> None:
-    with pytest.raises(InputError, match=r"fit_1_0.*': late\. If this is right, accept it with --accept plate-delay"):
+    with pytest.raises(
+        InputError, match=r"fit_1_0.*': late\. If this is no mistake, accept it with --accept plate-delay"
+    ):
         load_dataset(walks, accept=["force-unit"], find_in_walks=find_delays)
     dataset = load_dataset(walks, accept=["force-unit", "plate-delay"], find_in_walks=find_delays)
     assert [finding.name for finding in dataset.accepted] == ["force-unit", "plate-delay"]

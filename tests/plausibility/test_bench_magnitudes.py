@@ -96,7 +96,7 @@ def test_commands_in_per_cent_are_told_from_psi(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is its unit psi, or per cent of a full scale"):
         load_changed(tmp_path, pressure_command=("bar", per_cent), pressure=pressure)
     psi = 1e3 * pressure[1] / 6894.76
-    with pytest.raises(InputError, match=r"is its unit psi\? Correct the heading"):
+    with pytest.raises(InputError, match=r"is its unit psi\? Correct it in the heading or under \[columns\]"):
         load_changed(tmp_path, pressure_command=("bar", psi), pressure=pressure)
 
 
@@ -106,3 +106,15 @@ def test_implausibly_small_commands_are_refused(tmp_path: Path) -> None:
         load_changed(tmp_path, pressure_command=low(4.5))
     assert load_changed(tmp_path, pressure_command=low(20.0)).remarks == ()
     assert load_changed(tmp_path, pressure_command=low(0.0)).remarks == ()
+
+
+def test_displacement_that_rests_is_not_taken_for_another_unit(tmp_path: Path) -> None:
+    for name, displacement in (("a", 15.0 + 7.0 * WAVE), ("b", np.full(40, 20.0))):
+        columns = {h: v for h, v in COLUMNS.items() if not h.startswith("length")}
+        write_trial(tmp_path / f"{name}.csv", {**columns, "length [mm]": displacement})
+    head = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "klute-3-4"\n'
+    trials = "".join(f'[[trial]]\nfiles = ["{name}.csv"]\n' for name in "ab")
+    (tmp_path / "dataset.toml").write_text(head + trials, "utf-8")
+    with pytest.raises(InputError, match=r"trial .a.: length is .* looks like a displacement") as error:
+        load_dataset(tmp_path)
+    assert "is its unit" not in str(error.value)

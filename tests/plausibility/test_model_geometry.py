@@ -50,7 +50,7 @@ def test_stops_of_a_winch_and_small_stops_are_accepted() -> None:
 @pytest.mark.parametrize(
     ("position", "name", "part"),
     [
-        (20.0 + 20.0 * WAVEFORM, "position_guide-unit", "is its unit mm? Correct the heading"),
+        (20.0 + 20.0 * WAVEFORM, "position_guide-unit", "is its unit mm? Correct it in the heading or under [columns]"),
         (0.6 + 0.02 * WAVEFORM, "position_guide-zero", "the stops of its joint are at -0.15 m and 0.25 m"),
     ],
 )

@@ -109,7 +109,9 @@ def require_accepted(
     if len(by_name) > MAX_LISTED_FINDINGS:
         sentences.append(f"and {len(by_name) - MAX_LISTED_FINDINGS} more findings")
     instructions = format_instructions(list(by_name)[:MAX_LISTED_FINDINGS])
-    raise ImplausibleInputError(f"{'; '.join(sentences)}. If this is right, accept it with {instructions}", refused)
+    raise ImplausibleInputError(
+        f"{'; '.join(sentences)}. If this is no mistake, accept it with {instructions}", refused
+    )
 
 
 def _get_noun(place: str, number: int) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from klute_sim.plausibility.bench.trial import RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.samples import Samples, compute_correlation
-from klute_sim.plausibility.units import UNITS, format_range, format_value
+from klute_sim.plausibility.units import UNIT_ADVICE, UNITS, format_range, format_value
 from klute_sim.types import Array
 
 MIN_MOTION = 0.05
@@ -143,7 +143,7 @@ def _describe_sign(comparison: _Comparison) -> Finding:
 
 def _describe_unit(comparison: _Comparison, unit: str) -> Finding:
     trajectory = comparison.trajectory
-    statement = f"{_state(comparison)}, with the same waveform: is its unit {unit}? Correct the heading"
+    statement = f"{_state(comparison)}, with the same waveform: is its unit {unit}? {UNIT_ADVICE}"
     return Finding(f"{trajectory.samples.channel}-unit", trajectory.place, statement)
 
 

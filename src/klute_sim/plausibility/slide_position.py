@@ -5,7 +5,7 @@ import numpy as np
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.joint_angle import MAX_EXCESS_FRACTION
 from klute_sim.plausibility.samples import Samples
-from klute_sim.plausibility.units import UNITS, format_range, format_value
+from klute_sim.plausibility.units import UNIT_ADVICE, UNITS, format_range, format_value
 
 MIN_UNIT_RATIO = 20.0
 """Smallest ratio of two units that are told apart (assumed: a wrong zero looks like a ratio of a few)."""
@@ -29,7 +29,7 @@ def check_slide_position(samples: Samples, stops: tuple[float, float], place: st
     ]
     first, last = (format_value(stop, samples.unit, samples.factor) for stop in stops)
     if units:
-        kind, cause = "unit", f"is its unit {units[0]}? Correct the heading"
+        kind, cause = "unit", f"is its unit {units[0]}? {UNIT_ADVICE}"
     else:
         kind = "zero"
         cause = "its zero or its scale differs from that of the model; correct it in [columns]"

@@ -57,6 +57,10 @@ class Range(NamedTuple):
         return self.low <= value <= self.high
 
 
+UNIT_ADVICE = "Correct it in the heading or under [columns]"
+"""What to do about a wrong unit of a column."""
+
+
 def guess_units(value: float, factor: float, si_unit: str, plausible: Range) -> tuple[str, ...]:
     """Return the units that make a positive ``value`` plausible, the closest first; none if the unit as written does.
 

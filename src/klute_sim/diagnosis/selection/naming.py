@@ -28,7 +28,7 @@ error of straight lines between samples would remain in other channels."""
 MIN_SHORT_DELAY_BIC_FALL = 18.0
 """Smallest fall of BIC by which a lag or shift below :data:`MIN_DELAY_INTERVALS` is named: three times what other names
 need (assumed: one of a seventh of an interval completed a simulated law that was not exact, with a fall of 10)."""
-IMPLAUSIBLE_REASON = "would be further off than instruments are"
+IMPLAUSIBLE_REASON = "would be further off than instruments are; check the unit and the calibration of its channel"
 """Reason why a large error of an instrument is not named."""
 MAX_INSTRUMENT_DELAY_S = 0.1
 """Longest plausible delay of an instrument [s] (assumed: a filter of 1.6 Hz)."""

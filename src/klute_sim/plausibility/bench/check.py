@@ -47,6 +47,7 @@ def check_bench_trials(trials: Sequence[RecordedTrial], accepted: Collection[str
         if assessment.trial.place not in absolute_places:
             mistake = _find_mistake(assessment, assessments)
             findings += mistake or assessment.magnitudes or check_dropouts(assessment.trial)
+    findings = _drop_ambiguous_units(findings)
     # A wrong unit of time makes every simulation of a trial meaningless, so what else one seems to show is not told.
     if "time-unit" not in accepted:
         findings = [finding for finding in findings if finding.name == "time-unit"] or findings
@@ -55,6 +56,15 @@ def check_bench_trials(trials: Sequence[RecordedTrial], accepted: Collection[str
         trusted = [each for each in assessments if each.trial.place not in questioned_places]
         findings += _check_together(trusted, accepted)
     return TrialFindings(findings, questioned_places)
+
+
+def _drop_ambiguous_units(findings: Sequence[Finding]) -> list[Finding]:
+    """Return ``findings`` without wrong units of a length where other trials show that it is a displacement.
+
+    A displacement that hardly changes may as well be a length in another unit.
+    """
+    has_displacement = any(finding.name == "length-zero" for finding in findings)
+    return [finding for finding in findings if not (has_displacement and finding.name == "length-unit")]
 
 
 def _check_together(assessments: Sequence[Assessment], accepted: Collection[str]) -> list[Finding]:

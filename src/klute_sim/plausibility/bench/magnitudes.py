@@ -8,7 +8,7 @@ from klute_sim.plausibility.bench.trial import SI_UNITS, RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.samples import find_missing_value_code
 from klute_sim.plausibility.spikes import check_position, describe_spikes
-from klute_sim.plausibility.units import UNITS, Range, guess_units
+from klute_sim.plausibility.units import UNIT_ADVICE, UNITS, Range, guess_units
 from klute_sim.types import Array, Mask
 
 MAX_RATIO = 3.0
@@ -111,7 +111,7 @@ def _check_length(trial: RecordedTrial) -> list[Finding]:
         return [Finding("length-sign", trial.place, f"{expected}: its sign seems reversed; write positive lengths")]
     guess = _guess_length_unit(trial, "length", middle, plausible)
     if guess:
-        return [Finding("length-unit", trial.place, f"{expected}: is its unit {guess}? Correct the heading")]
+        return [Finding("length-unit", trial.place, f"{expected}: is its unit {guess}? {UNIT_ADVICE}")]
     if limits.tendon_length and limits.get_range("muscle_length").contains(middle):
         statement = f"{expected}: it looks like the length of the muscle alone; add the length of the tendon"
         return [Finding("length-zero", trial.place, statement)]
@@ -161,7 +161,7 @@ def _check_muscle_length(trial: RecordedTrial) -> list[Finding]:
     name = trial.get_name("muscle_length")
     statement = (
         f"{name} is {trial.format_channel('muscle_length')}, but the resting length of this device's muscle is "
-        f"{trial.format_limit('muscle_length', resting_length)}: is its unit {guess}? Correct the heading"
+        f"{trial.format_limit('muscle_length', resting_length)}: is its unit {guess}? {UNIT_ADVICE}"
     )
     return [Finding(f"{name}-unit", trial.place, statement)]
 
@@ -220,10 +220,10 @@ def _describe_pressure(trial: RecordedTrial, channel: str, peak: float) -> Findi
     plausible = Range(MIN_COMMAND_FRACTION * supply_pressure, MAX_COMMAND_RATIO * supply_pressure, supply_pressure)
     units = guess_units(peak, samples.factor, "Pa", plausible)
     guess = " or ".join(units)
-    fix = f"is its unit {guess}? Correct the heading" if guess else "its unit or its zero is wrong"
+    fix = f"is its unit {guess}? {UNIT_ADVICE}" if guess else "its unit or its zero is wrong"
     if channel == "pressure_command" and peak > supply_pressure and _may_be_percent(trial, units):
         unit = f"{guess}, or per cent of a full scale" if guess else "per cent of a full scale"
-        fix = f"is its unit {unit}? Correct the heading, or convert it under [columns]"
+        fix = f"is its unit {unit}? {UNIT_ADVICE}, or convert the values there"
     name = trial.get_name(channel)
     return Finding(
         f"{name}-unit",
@@ -256,7 +256,7 @@ def _check_force(trial: RecordedTrial) -> list[Finding]:
         return []
     plausible = Range(0.05 * limits.max_force, 1.5 * limits.max_force, limits.max_force)
     guess = " or ".join(guess_units(peak, samples.factor, SI_UNITS["force"], plausible))
-    fix = f"is its unit {guess}? Correct the heading" if guess else "its unit or its scale is wrong"
+    fix = f"is its unit {guess}? {UNIT_ADVICE}" if guess else "its unit or its scale is wrong"
     name = trial.get_name("force")
     statement = (
         f"{name} is {trial.format_channel('force')}, but this device pulls at most "

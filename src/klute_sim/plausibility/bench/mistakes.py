@@ -10,7 +10,7 @@ import numpy as np
 from klute_sim.plausibility.bench import time_axis
 from klute_sim.plausibility.bench.trial import MEASURED, PRESCRIBED, SI_UNITS, RecordedTrial
 from klute_sim.plausibility.finding import Finding
-from klute_sim.plausibility.units import UNITS, Range
+from klute_sim.plausibility.units import UNIT_ADVICE, UNITS, Range
 from klute_sim.types import Array
 
 ATMOSPHERE = 101_325.0
@@ -92,7 +92,7 @@ def _list_units(trial: RecordedTrial) -> Iterator[Mistake]:
     for name in ("force", "pressure", "muscle_length", "pressure_command"):
         if name in trial.channels:
             for unit, factor in _list_other_units(trial, name):
-                statement = f"{_describe(trial, name)}: is its unit {unit}? Correct the heading"
+                statement = f"{_describe(trial, name)}: is its unit {unit}? {UNIT_ADVICE}"
                 corrected = trial.with_values(**{name: trial.get_samples(name).value * factor})
                 yield Mistake((Finding(f"{name}-unit", trial.place, statement),), corrected, label=unit)
     if (
@@ -106,7 +106,7 @@ def _list_units(trial: RecordedTrial) -> Iterator[Mistake]:
                     f"{name}-unit",
                     trial.place,
                     f"{name} is {trial.format_channel(name)}, but the measured forces need other pressures in a "
-                    f"simulation of this device: is the unit of both pressures {unit}? Correct the headings",
+                    f"simulation of this device: is the unit of both pressures {unit}? {UNIT_ADVICE}",
                 )
                 for name in names
             )

@@ -4,7 +4,7 @@ import numpy as np
 
 from klute_sim.plausibility.bench.trial import RecordedTrial
 from klute_sim.plausibility.finding import Finding
-from klute_sim.plausibility.units import UNITS, format_value
+from klute_sim.plausibility.units import UNIT_ADVICE, UNITS, format_value
 
 USUAL_INTERVALS = 1e-4, 0.1
 """Sampling intervals [s] of usual measurements: 10 kHz to 10 Hz."""
@@ -59,7 +59,7 @@ def describe_time_unit(trial: RecordedTrial, unit: str) -> Finding:
     """Return the finding that the time has another ``unit``."""
     interval, duration = measure_time_axis(trial)
     written, factor = trial.time_unit
-    fix = f"is its unit {unit}? Correct the heading" if unit else "its unit or its sampling rate is wrong"
+    fix = f"is its unit {unit}? {UNIT_ADVICE}" if unit else "its unit or its sampling rate is wrong"
     statement = (
         f"time spans {format_value(duration, written, factor)} with a sample every "
         f"{format_value(interval, written, factor)}, but a bench trial lasts seconds to minutes with 10 to 10,000 "
