@@ -58,7 +58,7 @@ class AssessedPerson:
         return self.subject.reference.name
 
     @cached_property
-    def own_ankle(self) -> AnkleMetrics | None:
+    def person_ankle(self) -> AnkleMetrics | None:
         """Metrics of the person's own ankle; None when every simulation failed."""
         runs = (controller.run for controller in self.controllers)
         return next((compute_reference_metrics(run.recording) for run in runs if run is not None), None)
@@ -75,8 +75,8 @@ class AssessedPerson:
 
     def get_label(self, controller: AssessedController) -> str:
         """Return the name of ``controller``, marked as shipped where the user's own ones stand beside it."""
-        has_own = any(not c.baseline.is_shipped for c in self.controllers)
-        return f"shipped: {controller.name}" if has_own and controller.baseline.is_shipped else controller.name
+        has_user_pairs = any(not c.baseline.is_shipped for c in self.controllers)
+        return f"shipped: {controller.name}" if has_user_pairs and controller.baseline.is_shipped else controller.name
 
     def format_verdict(self) -> str:
         """Return the verdict in one sentence."""
@@ -105,19 +105,21 @@ class AssessedPerson:
         ]
         for title in (*(assessment.CRITERIA[index].title for index in shown), "air\ng", "strides\n/tank"):
             result.add_column(title, justify="right", no_wrap=True)
-        own = self.format_own_cells()
-        result.add_row("own ankle", *(own[index] for index in shown), "", "", style="dim")
+        ankle_cells = self.format_ankle_cells()
+        result.add_row("own ankle", *(ankle_cells[index] for index in shown), "", "", style="dim")
         for controller in self.controllers:
             row = [cells[controller.name][index] for index in shown]
             texts = [f"{text}*" if is_short else text for text, is_short in row]
             result.add_row(self.get_label(controller), *texts, *format_air_cells(controller))
         return result
 
-    def format_own_cells(self) -> list[str]:
+    def format_ankle_cells(self) -> list[str]:
         """Return the values of the own ankle as text, one for each criterion."""
-        own = self.own_ankle
+        ankle = self.person_ankle
         return [
-            "-" if own is None or criterion.get_own is None else format(criterion.get_own(own), criterion.format_spec)
+            "-"
+            if ankle is None or criterion.get_person_value is None
+            else format(criterion.get_person_value(ankle), criterion.format_spec)
             for criterion in assessment.CRITERIA
         ]
 
@@ -171,7 +173,7 @@ def _summarize_controller(controller: AssessedController) -> dict[str, Any]:
                 "name": quantity.criterion.name,
                 "unit": quantity.criterion.unit,
                 "value": quantity.value,
-                "own": quantity.own,
+                "own": quantity.person_value,
                 "shortfall": quantity.shortfall,
             }
             for quantity in controller.quantities
@@ -189,7 +191,7 @@ def build_page_entry(person: AssessedPerson) -> dict[str, Any]:
         "name": person.name,
         "verdict": person.format_verdict(),
         "sentences": [person.subject.format_sentence(), *person.subject.remarks],
-        "own_cells": person.format_own_cells(),
+        "own_cells": person.format_ankle_cells(),
         "controllers": [
             {
                 "name": person.get_label(controller),

@@ -31,7 +31,7 @@ class Criterion:
     """Format of the number."""
     get_value: Callable[[StrideMetrics], float | None]
     """Function that reads the quantity from one stride."""
-    get_own: Callable[[AnkleMetrics], float] | None = None
+    get_person_value: Callable[[AnkleMetrics], float] | None = None
     """Function that reads it from the person's own ankle; None: a person has no such quantity."""
     min_ratio: float | None = None
     """Minimum relative to the own value [1]; None: no limit."""
@@ -44,7 +44,7 @@ class Criterion:
 
     def describe(self) -> str:
         """Return the limits in words."""
-        if self.get_own is not None:
+        if self.get_person_value is not None:
             limits = [(self.min_ratio, "at least"), (self.max_ratio, "at most")]
             parts = [f"{word} {100.0 * ratio:.0f} %" for ratio, word in limits if ratio is not None]
             return f"{self.name}: {' and '.join(parts)} of the person's own, where that is positive"
@@ -52,18 +52,18 @@ class Criterion:
         parts = [f"{word} {limit:g} {self.unit}" for limit, word in absolute if limit is not None]
         return f"{self.name}: {' and '.join(parts)}"
 
-    def find_shortfall(self, value: float | None, own: float | None) -> str | None:
+    def find_shortfall(self, value: float | None, person_value: float | None) -> str | None:
         """Return one sentence if ``value`` misses a limit; None: it does not, or there is nothing to compare."""
         if value is None:
             return None
         number = f"{value:{self.format_spec}} {self.unit}"
-        if own is not None:
-            ratio = value / own if own > 0.0 else 1.0
-            own_text = f"{own:{self.format_spec}} {self.unit} of the person's own ankle"
+        if person_value is not None:
+            ratio = value / person_value if person_value > 0.0 else 1.0
+            person_text = f"{person_value:{self.format_spec}} {self.unit} of the person's own ankle"
             if self.min_ratio is not None and ratio < self.min_ratio:
-                return f"The {self.name} is {number}, {100.0 * ratio:.0f} % of the {own_text}."
+                return f"The {self.name} is {number}, {100.0 * ratio:.0f} % of the {person_text}."
             if self.max_ratio is not None and ratio > self.max_ratio:
-                return f"The {self.name} is {number}, too much: {100.0 * ratio:.0f} % of the {own_text}."
+                return f"The {self.name} is {number}, too much: {100.0 * ratio:.0f} % of the {person_text}."
             return None
         if self.minimum is not None and value < self.minimum:
             return f"The {self.name} is {number}, less than {self.minimum:g} {self.unit}."
@@ -79,7 +79,7 @@ CRITERIA = (
         unit="N·m/kg",
         format_spec=".2f",
         get_value=lambda s: s.ankle_moment_peak_nm_per_kg,
-        get_own=lambda s: s.ankle_moment_peak_nm_per_kg,
+        get_person_value=lambda s: s.ankle_moment_peak_nm_per_kg,
         min_ratio=0.9,
         max_ratio=1.1,
     ),
@@ -89,7 +89,7 @@ CRITERIA = (
         unit="W/kg",
         format_spec=".2f",
         get_value=lambda s: s.ankle_power_peak_w_per_kg,
-        get_own=lambda s: s.ankle_power_peak_w_per_kg,
+        get_person_value=lambda s: s.ankle_power_peak_w_per_kg,
         min_ratio=0.9,
         max_ratio=1.25,
     ),
@@ -99,7 +99,7 @@ CRITERIA = (
         unit="J/kg",
         format_spec="+.3f",
         get_value=lambda s: s.ankle_work_net_j_per_kg,
-        get_own=lambda s: s.ankle_work_net_j_per_kg,
+        get_person_value=lambda s: s.ankle_work_net_j_per_kg,
         min_ratio=0.9,
     ),
     Criterion(
@@ -108,7 +108,7 @@ CRITERIA = (
         unit="deg",
         format_spec=".1f",
         get_value=lambda s: s.ankle_range_deg,
-        get_own=lambda s: s.ankle_range_deg,
+        get_person_value=lambda s: s.ankle_range_deg,
         min_ratio=0.75,
         max_ratio=1.25,
     ),
@@ -118,7 +118,7 @@ CRITERIA = (
         unit="body weights",
         format_spec=".2f",
         get_value=lambda s: s.grf_vertical_max_bw,
-        get_own=lambda s: s.grf_vertical_max_bw,
+        get_person_value=lambda s: s.grf_vertical_max_bw,
         max_ratio=1.25,
     ),
     Criterion(
@@ -157,19 +157,20 @@ class AssessedQuantity:
     """Quantity and limits."""
     value: float | None
     """Mean over the steady strides; None: unknown."""
-    own: float | None
+    person_value: float | None
     """Value of the person's own ankle; None: it has no such quantity."""
     shortfall: str | None
     """Sentence on what is missing; None: the criterion is met."""
 
 
-def assess_quantities(metrics: GaitMetrics, own_ankle: AnkleMetrics) -> list[AssessedQuantity]:
-    """Return every quantity of :data:`CRITERIA` for the gait with ``metrics`` beside the person's ``own_ankle``."""
+def assess_quantities(metrics: GaitMetrics, person_ankle: AnkleMetrics) -> list[AssessedQuantity]:
+    """Return every quantity of :data:`CRITERIA` for the gait with ``metrics`` beside ``person_ankle``."""
     quantities = []
     for criterion in CRITERIA:
         value = metrics.mean(criterion.get_value)
-        own = None if criterion.get_own is None else criterion.get_own(own_ankle)
-        quantities.append(AssessedQuantity(criterion, value, own, criterion.find_shortfall(value, own)))
+        person_value = None if criterion.get_person_value is None else criterion.get_person_value(person_ankle)
+        shortfall = criterion.find_shortfall(value, person_value)
+        quantities.append(AssessedQuantity(criterion, value, person_value, shortfall))
     return quantities
 
 
