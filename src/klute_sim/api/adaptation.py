@@ -157,7 +157,7 @@ def adapt_walker(
 
         with store.lock(), explain_interrupt(store.folder):
             all_costs = _read_costs(store.folder)
-            found = search(
+            search_result = search(
                 problem,
                 start_walker.reflexes,
                 evaluations,
@@ -168,16 +168,16 @@ def adapt_walker(
             )
             walker = Walker(
                 store.folder.name,
-                problem.decode(found.best_point),
+                problem.decode(search_result.best_point),
                 problem.body.digest,
                 get_contact(problem.build_model()),
                 condition,
                 {
                     "seed": seed,
-                    "evaluations": found.n_evaluations,
-                    "cost": found.best.cost,
-                    "speed_m_per_s": found.best.speed,
-                    "terms": found.best.terms,
+                    "evaluations": search_result.n_evaluations,
+                    "cost": search_result.best.cost,
+                    "speed_m_per_s": search_result.best.speed,
+                    "terms": search_result.best.terms,
                     "weights": asdict(problem.weights),
                     "start": start_walker.name,
                     "horizon_s": problem.horizon,

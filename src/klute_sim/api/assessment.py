@@ -71,7 +71,7 @@ class Assessment(Printable):
         from klute_sim.report.assessment.figure import build_figure
 
         chosen = self.persons[person]
-        own, shipped = (
+        user_recordings, shipped_recordings = (
             {
                 chosen.get_label(c): c.run.recording
                 for c in chosen.ranked
@@ -79,9 +79,9 @@ class Assessment(Printable):
             }
             for is_shipped in (False, True)
         )
-        if not own and not shipped:
+        if not user_recordings and not shipped_recordings:
             raise InputError(f"no gait could be simulated for {chosen.name}, so there is nothing to plot")
-        return build_figure(own, shipped)
+        return build_figure(user_recordings, shipped_recordings)
 
     def save(self, folder: str | Path | None = None) -> Path:
         """Write the files of ``klute-sim assess`` into ``folder`` (new or empty; default: next ``runs/assess-NNN``).

@@ -46,7 +46,7 @@ CONDITION_COLUMNS = (
     ("air\ng/stride", "air_per_stride [g]", ".2f"),
 )
 """Title, column and format of the metrics shown for each condition; the first three need the reference speed."""
-OWN = "own"
+USER_PAIRS_NAME = "own"
 """Name that selects the user's own devices and controllers alone."""
 N_DISTANCE_COLUMNS = 3
 """Number of leading columns of :data:`CONDITION_COLUMNS` that exist only on the level at the reference speed."""
@@ -194,23 +194,23 @@ def simulate_baselines(
 
 
 def select_baselines(
-    only: Sequence[str], own: Sequence[tuple[DeviceLike, ControllerLike]], foot: str | None = None
+    only: Sequence[str], user_pairs: Sequence[tuple[DeviceLike, ControllerLike]], foot: str | None = None
 ) -> list[Baseline]:
-    """Return the shipped baselines named in ``only`` (empty: all), then a baseline for each pair of ``own``.
+    """Return the shipped baselines named in ``only`` (empty: all), then a baseline for each pair of ``user_pairs``.
 
     All have the ``foot``; None: that of their device.
 
-    Raises InputError when a name is unknown, or when ``only`` selects :data:`OWN` and there is no pair.
+    Raises InputError when a name is unknown, or when ``only`` selects :data:`USER_PAIRS_NAME` and there is no pair.
     """
-    if OWN in only and not own:
-        raise InputError(f"only '{OWN}' is selected, but there is none: give a device or a controller")
-    names = [name for name in only if name != OWN]
-    shipped = [] if OWN in only and not names else load_baselines(names)
-    baselines = [*shipped, *(_create_own_baseline(*pair) for pair in own)]
+    if USER_PAIRS_NAME in only and not user_pairs:
+        raise InputError(f"only '{USER_PAIRS_NAME}' is selected, but there is none: give a device or a controller")
+    names = [name for name in only if name != USER_PAIRS_NAME]
+    shipped = [] if USER_PAIRS_NAME in only and not names else load_baselines(names)
+    baselines = [*shipped, *(_create_user_baseline(*pair) for pair in user_pairs)]
     return [replace(baseline, device=to_device(baseline.device, foot)) for baseline in baselines]
 
 
-def _create_own_baseline(device: DeviceLike, controller: ControllerLike) -> Baseline:
+def _create_user_baseline(device: DeviceLike, controller: ControllerLike) -> Baseline:
     chosen_device, chosen_controller = to_device(device), to_controller(controller)
     check_supply_pressure(chosen_device, chosen_controller)
     return Baseline(

@@ -31,9 +31,9 @@ def _find_device_file(folder: Path) -> Path:
     """Return the only device file in ``folder``; raises InputError when there is none, or several."""
     files = sorted(path for path in folder.glob("*.toml") if path.name != DATASET_FILE_NAME)
     if len(files) != 1:
-        found = "no device file" if not files else f"{len(files)} TOML files"
+        listing = "no device file" if not files else f"{len(files)} TOML files"
         raise InputError(
-            f"the folder {folder} contains {found}; name the device with --device: a preset such as klute-3-4-pair, or "
-            "a device file (klute-sim device klute-3-4-pair --toml > mine.toml writes one to edit)"
+            f"the folder {folder} contains {listing}; name the device with --device: a preset such as klute-3-4-pair, "
+            "or a device file (klute-sim device klute-3-4-pair --toml > mine.toml writes one to edit)"
         )
     return files[0]
