@@ -18,8 +18,8 @@ from klute_sim.cli.option_sections import Command, section
     metavar="NAME",
     help="Baseline to simulate, or own: only those of --device and --controller; may be repeated.  [default: all]",
 )
-@common.OWN_DEVICES_OPTION
-@common.OWN_CONTROLLERS_OPTION
+@common.USER_DEVICES_OPTION
+@common.USER_CONTROLLERS_OPTION
 @common.FOOT_OPTION
 @section("Subject")
 @common.REFERENCE_OPTION

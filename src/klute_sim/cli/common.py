@@ -51,7 +51,7 @@ DEVICE_OPTION = click.option(
     metavar="NAME|FILE",
     help="Device: name of a preset, or a device file.",
 )
-OWN_DEVICES_OPTION = click.option(
+USER_DEVICES_OPTION = click.option(
     "--device",
     "devices",
     shell_complete=completion.complete_device,
@@ -59,7 +59,7 @@ OWN_DEVICES_OPTION = click.option(
     metavar="NAME|FILE",
     help="Your own device: a device file, or the name of a preset; may be repeated.  [default: klute-1-1-4-pair]",
 )
-OWN_CONTROLLERS_OPTION = click.option(
+USER_CONTROLLERS_OPTION = click.option(
     "--controller",
     "controllers",
     multiple=True,
