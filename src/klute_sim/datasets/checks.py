@@ -60,10 +60,10 @@ def find_implausible(
     device_findings: list[Finding] = []
     for trial, content in zip(trials, contents, strict=True):
         walk = _describe_gait_trial(trial, content.units)
-        found = find_trial_findings(walk)
-        findings += found
+        trial_findings = find_trial_findings(walk)
+        findings += trial_findings
         if not _is_commanded_by_opening(trial):
-            device_findings += check_walk_device(_describe_trial(trial, content, rig), None if found else walk)
+            device_findings += check_walk_device(_describe_trial(trial, content, rig), None if trial_findings else walk)
     findings += device_findings
     return TrialFindings(findings, frozenset(finding.place for finding in findings))
 
@@ -122,10 +122,13 @@ def find_implausible_changes(trials: Sequence[Trial], changes: Sequence[Mapping[
     """Return what is implausible in the numbers of the device that the ``changes`` of each trial replace."""
     findings = []
     for trial, changed in zip(trials, changes, strict=True):
-        devices = {"": trial.device, **{f"{tendon}{DEVICE_SEPARATOR}": each for tendon, each in trial.devices.items()}}
+        devices = {
+            "": trial.device,
+            **{f"{tendon}{DEVICE_SEPARATOR}": tendon_device for tendon, tendon_device in trial.devices.items()},
+        }
         for prefix, device in devices.items() if changed else ():
-            found = check_device_numbers(device.spec.collect_values(), f"trial '{trial.name}'")
-            named = [finding._replace(name=f"{prefix}{finding.name}") for finding in found]
+            number_findings = check_device_numbers(device.spec.collect_values(), f"trial '{trial.name}'")
+            named = [finding._replace(name=f"{prefix}{finding.name}") for finding in number_findings]
             findings += [finding for finding in named if finding.name in changed]
     return findings
 

@@ -49,14 +49,16 @@ class ColumnMapping:
 
         '' without a column in a unit of time, unless the trial has files with other clocks.
         """
-        own = next((heading for heading in headings if states_unit(heading, "s")), "")
-        if not own and not has_other_clocks:
+        time_heading = next((heading for heading in headings if states_unit(heading, "s")), "")
+        if not time_heading and not has_other_clocks:
             return ""
         texts = [expression.text for expression in self.expressions[TIME_COLUMN]]
-        times = [*texts, f"`{own}`" if own else "NAME [s]"]
+        times = [*texts, f"`{time_heading}`" if time_heading else "NAME [s]"]
         return f"; state the time of each kind of file in a list: time = {json.dumps(times, ensure_ascii=False)}"
 
-    def check_found(self, channels: Collection[str], tables: Sequence[Table], rig: ChannelSource) -> dict[str, str]:
+    def check_expressions(
+        self, channels: Collection[str], tables: Sequence[Table], rig: ChannelSource
+    ) -> dict[str, str]:
         """Return channel -> reason for the expressions of the dataset that cannot be computed from the ``tables``.
 
         Only channels that the dataset maps for all trials are returned: a trial need not measure them, or its files

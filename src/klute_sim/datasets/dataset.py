@@ -140,7 +140,7 @@ def load_dataset(
     assign_uses([plan.split_entry for plan in plans], source)  # rejects an impossible split before large files
     digest = hashlib.sha256(hashlib.sha256(content).digest() + bytes.fromhex(device.digest))
     if mechanism is not None:
-        for part_digest in (mechanism.file.digest, *(each.digest for each in mechanism.devices.values())):
+        for part_digest in (mechanism.file.digest, *(part.digest for part in mechanism.devices.values())):
             digest.update(bytes.fromhex(part_digest))
     contents: list[TrialChannels] = []
     trials: list[Trial] = []
@@ -156,20 +156,20 @@ def load_dataset(
         contents.append(channels)
     unmapped_remarks = _check_unmapped(contents, channel_source)
     accepted_names = {*file.accept, *accept}
-    found = (
+    trial_findings = (
         checks.find_implausible(channel_source, trials, contents, accepted_names)
         if mechanism is None
         else mechanism_checks.find_implausible(
             mechanism, trials, [channels.units for channels in contents], source, accepted_names
         )
     )
-    found = add_gap_findings(found, trials, contents)
+    trial_findings = add_gap_findings(trial_findings, trials, contents)
     changes = checks.find_implausible_changes(trials, [entry.device for entry in file.trial])
-    findings = [*changes, *found.findings]
+    findings = [*changes, *trial_findings.findings]
     checks.check_accepted(file.accept, findings, channel_source, known_values, f"{source}, accept: ")
     checks.check_accepted(accept, findings, channel_source, known_values)
     accepted = require_accepted(findings, accepted_names)
-    questioned = [trial for trial in trials if f"trial '{trial.name}'" in found.questioned_places]
+    questioned = [trial for trial in trials if f"trial '{trial.name}'" in trial_findings.questioned_places]
     entries = [*zip(trials, file.trial, strict=True)]
     fitted = split_trials(trials, source).fit
     fit_entries = [(trial, entry) for trial, entry in entries if trial.name in fitted]
@@ -318,10 +318,10 @@ def _check_unmapped(contents: Sequence[TrialChannels], source: ChannelSource) ->
             raise InputError(reason)
     remarks = []
     for content in contents:
-        found = {TIME_COLUMN, *content.prescribed, *content.measured}
+        available_channels = {TIME_COLUMN, *content.prescribed, *content.measured}
         for channel, reason in content.unmapped.items():
-            is_found = resolve_channel(source, channel) in found
-            end = f"its column '{channel}' is used as it is" if is_found else "the trial is used without it"
+            is_available = resolve_channel(source, channel) in available_channels
+            end = f"its column '{channel}' is used as it is" if is_available else "the trial is used without it"
             remarks.append(f"{reason}; {end}")
     return remarks
 

@@ -148,7 +148,7 @@ def check_input_noise(trials: Sequence[tuple[Trial, Mapping[str, str]]], place: 
 
 def _check_not_larger(value: float, samples: Sequence[Array], text: str, subject: str) -> None:
     """Raise InputError where ``value`` [SI], written as ``text``, is larger than the range of the ``samples``."""
-    values = np.concatenate([each[np.isfinite(each)] for each in samples])
+    values = np.concatenate([array[np.isfinite(array)] for array in samples])
     if values.size == 0 or not values.any():  # nothing to compare with, as the command of a device without a supply
         return
     if value > max(float(np.ptp(values)), MIN_REFERENCE_FRACTION * float(np.abs(values).max())):

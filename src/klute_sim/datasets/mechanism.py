@@ -62,16 +62,19 @@ class DatasetMechanism:
         Raises InputError, which begins with ``place``, for a tendon without a device and for a number that a device
         lacks.
         """
-        own: dict[str, dict[str, float]] = {tendon: {} for tendon in self.devices}
+        tendon_numbers: dict[str, dict[str, float]] = {tendon: {} for tendon in self.devices}
         for name, value in changes.items():
             tendon, separator, key = name.rpartition(DEVICE_SEPARATOR)
-            if separator and tendon not in own:
-                listing = f"the devices are on: {', '.join(own)}"
-                raise InputError(f"{place}: '{name}' names no device; {suggest(tendon, own, listing)}")
+            if separator and tendon not in tendon_numbers:
+                listing = f"the devices are on: {', '.join(tendon_numbers)}"
+                raise InputError(f"{place}: '{name}' names no device; {suggest(tendon, tendon_numbers, listing)}")
             if separator:
-                own[tendon][key] = value
+                tendon_numbers[tendon][key] = value
         shared = select_shared(changes)
-        return {tendon: self.devices[tendon].with_changes({**shared, **own[tendon]}, place) for tendon in own}
+        return {
+            tendon: self.devices[tendon].with_changes({**shared, **tendon_numbers[tendon]}, place)
+            for tendon in tendon_numbers
+        }
 
     def collect_nominal_numbers(self) -> dict[str, float]:
         """Return the numbers of the model and of each single device, by the names that ``[uncertain]`` uses."""
@@ -139,7 +142,7 @@ def _check_objects(
         "device": devices,
         "site": [site.name for site in spec.sites],
         **{
-            kind: [each.name for each in spec.joints if each.type == kind_type]
+            kind: [joint.name for joint in spec.joints if joint.type == kind_type]
             for kind, kind_type in JOINT_TYPES.items()
         },
     }

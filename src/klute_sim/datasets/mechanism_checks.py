@@ -79,10 +79,12 @@ def find_implausible(
                 findings += spikes
                 channel = channel.with_value(np.where(is_wrong, np.nan, channel.samples.value))
             if name.startswith(("angle_", "position_")):
-                driving = [each for tendon, each in devices.items() if tendon in moved_tendons.get(name, ())]
+                driving = [
+                    driving_trial for tendon, driving_trial in devices.items() if tendon in moved_tendons.get(name, ())
+                ]
                 findings += _check_position(trial, channel.samples, stops.get(name), driving)
     findings += _check_stop_units(trials, units, stops, mechanism.channels)
-    findings += check_tendon_pressures({tendon: each for tendon, each in by_tendon.items() if each})
+    findings += check_tendon_pressures({tendon: recorded for tendon, recorded in by_tendon.items() if recorded})
     questioned_places = frozenset(finding.place for finding in findings)
     findings = [*model_findings, *findings]
     if are_accepted(findings, accepted):
@@ -92,7 +94,7 @@ def find_implausible(
             if f"trial '{trial.name}'" not in questioned_places
         ]
         devices_of_trusted = {
-            tendon: [each for each in recorded if each.place not in questioned_places]
+            tendon: [recorded_trial for recorded_trial in recorded if recorded_trial.place not in questioned_places]
             for tendon, recorded in by_tendon.items()
         }
         motion = check_motion(mechanism, trusted, devices_of_trusted, accepted)
@@ -181,22 +183,26 @@ def _check_stop_units(
 def _list_device_channels(trial: Trial, samples: Mapping[str, Samples]) -> dict[str, dict[str, Channel]]:
     """Return tendon -> channels of its device, under their names on a bench."""
     series = {**trial.prescribed, **trial.measured}
-    found = {}
+    channels_by_tendon = {}
     for tendon in trial.devices:
         names = {name: f"{name}_{normalize_name(tendon)}" for name in SI_UNITS if name != "length"}
         if names["pressure_command"] not in samples:  # a prescribed pressure takes the place of the command
             names["pressure_command"] = names.pop("pressure")
         if names["pressure_command"] in samples:  # the preparation of the trial reports a missing one
-            found[tendon] = {n: Channel(series[own].time, samples[own]) for n, own in names.items() if own in samples}
-    return found
+            channels_by_tendon[tendon] = {
+                name: Channel(series[tendon_name].time, samples[tendon_name])
+                for name, tendon_name in names.items()
+                if tendon_name in samples
+            }
+    return channels_by_tendon
 
 
 def _list_other_channels(trial: Trial, samples: Mapping[str, Samples]) -> dict[str, Channel]:
     """Return the channels that belong to no device."""
     series = {**trial.prescribed, **trial.measured}
     return {
-        name: Channel(series[name].time, own)
-        for name, own in samples.items()
+        name: Channel(series[name].time, channel_samples)
+        for name, channel_samples in samples.items()
         if QUANTITIES[parse_channel(name).quantity].object_kind != "device"
     }
 

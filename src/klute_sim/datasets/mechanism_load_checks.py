@@ -40,7 +40,7 @@ def check_loads(
         return findings
     names = [name for name in mechanism.channels.measured if _is_load(name)]
     forces = [name for name in names if name.startswith("force_")]
-    findings += [each for pair in combinations(forces, 2) for each in _check_exchange(pair, recorded)]
+    findings += [finding for pair in combinations(forces, 2) for finding in _check_exchange(pair, recorded)]
     if are_accepted(findings, accepted):
         findings += [finding for name in names for finding in _check_scale(name, recorded)]
     return findings

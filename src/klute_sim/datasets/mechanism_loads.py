@@ -91,7 +91,7 @@ class TrialStatics:
 
     def _find_position(self, index: int) -> str | None:
         name = normalize_name(self.model.joint(index).name)
-        return next((each for each in (f"angle_{name}", f"position_{name}") if each in self.series), None)
+        return next((channel for channel in (f"angle_{name}", f"position_{name}") if channel in self.series), None)
 
     def _knows_path(self, tendon: str) -> bool:
         """Return whether the positions of all joints that move ``tendon`` were recorded; those of balls never are."""
@@ -140,7 +140,7 @@ class TrialStatics:
         device, name = self.trial.devices[tendon], normalize_name(tendon)
         is_opening = device.parameters.supply.command_is_opening != 0.0
         sources = [f"pressure_{name}"] if is_opening else [f"pressure_{name}", f"pressure_command_{name}"]
-        channel = next((each for each in sources if each in self.series), None)
+        channel = next((source for source in sources if source in self.series), None)
         if channel is None or not self._knows_path(tendon):
             return None
         pressures, path = np.maximum(self.average(channel), 0.0), lengths[:, self.model.tendon(tendon).id]

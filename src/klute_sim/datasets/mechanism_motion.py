@@ -114,7 +114,7 @@ def _describe_starts_of_channel(name: str, trials: Sequence[Trial]) -> list[str]
     remarks = []
     for group in starts.values():
         for trial, start in group:
-            others = np.array([each for other, each in group if other is not trial])
+            others = np.array([other_start for other, other_start in group if other is not trial])
             if len(others) < MIN_STARTS:
                 continue
             middle = float(np.median(others))

@@ -54,7 +54,7 @@ def find_moved_tendons(model: mujoco.MjModel) -> dict[str, frozenset[str]]:
     moved: dict[str, frozenset[str]] = {}
     for index in _list_scalar_joints(model):
         changes = np.ptp(measure_lengths(model, _build_poses(model, [index])), axis=0)
-        names = frozenset(model.tendon(int(each)).name for each in np.flatnonzero(changes > MIN_PATH_CHANGE))
+        names = frozenset(model.tendon(int(tendon_id)).name for tendon_id in np.flatnonzero(changes > MIN_PATH_CHANGE))
         moved |= dict.fromkeys(_list_channels(model, index), names)
     return moved
 

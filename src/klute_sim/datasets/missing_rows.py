@@ -28,10 +28,13 @@ LOAD_CHANNELS = (channels.VERTICAL_FORCE, "grf_forward", channels.GAP_TOLERANT_C
 """Channels of gait that do not matter while the foot is not loaded."""
 
 
-def add_gap_findings(found: TrialFindings, trials: Sequence[Trial], contents: Sequence[TrialChannels]) -> TrialFindings:
-    """Return ``found`` with findings on rows that are missing in files of ``trials``; ``contents`` is what was read.
+def add_gap_findings(
+    trial_findings: TrialFindings, trials: Sequence[Trial], contents: Sequence[TrialChannels]
+) -> TrialFindings:
+    """Return ``trial_findings`` with findings on rows that are missing in files of ``trials``.
 
-    The motion and the loads of a gait trial need every sample; other channels may be bridged where they move uniformly.
+    ``contents`` is what was read. The motion and the loads of a gait trial need every sample; other channels may be
+    bridged where they move uniformly.
     """
     findings: list[Finding] = []
     for trial, content in zip(trials, contents, strict=True):
@@ -46,7 +49,7 @@ def add_gap_findings(found: TrialFindings, trials: Sequence[Trial], contents: Se
                 )
                 findings.append(Finding("time-gap", f"trial '{trial.name}'", statement))
     places = frozenset(finding.place for finding in findings)
-    return TrialFindings([*found.findings, *findings], found.questioned_places | places)
+    return TrialFindings([*trial_findings.findings, *findings], trial_findings.questioned_places | places)
 
 
 def _find_longest_interval(name: str, prescribed: Mapping[str, TimeSeries]) -> int | None:

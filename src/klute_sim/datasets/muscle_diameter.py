@@ -39,10 +39,10 @@ def scale_muscle(device: Device, diameter: DiameterEntry | None, source: str) ->
     place = f"{source}: [diameter]"
     if device.spec.muscle is None:
         raise InputError(f"{place} is for devices with a muscle, but '{device.name}' has none; remove it")
-    own = _parse_diameter(diameter.device, f"{place} device")
-    other = _parse_diameter(diameter.trials, f"{place} trials")
+    device_diameter = _parse_diameter(diameter.device, f"{place} device")
+    trial_diameter = _parse_diameter(diameter.trials, f"{place} trials")
     wall = 1e-3 * device.spec.muscle.bladder_thickness_mm
-    ratio = (other + 2.0 * wall) / (own + 2.0 * wall)
+    ratio = (trial_diameter + 2.0 * wall) / (device_diameter + 2.0 * wall)
     known = device.spec.collect_values()
     exponents = MUSCLE_EXPONENTS | _list_effect_exponents(device)
     changes = {key: known[key] * ratio**exponent for key, exponent in exponents.items() if known[key] != 0.0}
@@ -50,11 +50,11 @@ def scale_muscle(device: Device, diameter: DiameterEntry | None, source: str) ->
         return device, []
     listed = ", ".join(f"{key} {known[key]:.4g} -> {value:.4g}" for key, value in changes.items())
     remark = (
-        f"the trials are of muscles of {1e3 * other:g} mm, the device '{device.name}' is one of {1e3 * own:g} mm: with "
-        f"a wall of {1e3 * wall:g} mm at both (assumed) the braid is {ratio:.3f} times as wide: {listed}; all other "
-        "numbers are unchanged"
+        f"the trials are of muscles of {1e3 * trial_diameter:g} mm, the device '{device.name}' is one of "
+        f"{1e3 * device_diameter:g} mm: with a wall of {1e3 * wall:g} mm at both (assumed) the braid is "
+        f"{ratio:.3f} times as wide: {listed}; all other numbers are unchanged"
     )
-    note = f"assumed: scaled from the muscle of {1e3 * own:g} mm to one of {1e3 * other:g} mm"
+    note = f"assumed: scaled from the muscle of {1e3 * device_diameter:g} mm to one of {1e3 * trial_diameter:g} mm"
     return device.with_changes(changes, note), [remark]
 
 

@@ -58,12 +58,16 @@ def describe_accepted(
 
     One more remark names the ``questioned`` trials, which further checks leave out.
     """
-    found = {finding.name for finding in accepted}
+    accepted_names = {finding.name for finding in accepted}
     scope = " in trials without accepted findings" if questioned else ""
     return [
         *(f"accepted: {finding.sentence}" for finding in accepted),
         *_describe_questioned(questioned),
-        *(f"{source}: 'accept' names '{name}', which was not found{scope}" for name in names if name not in found),
+        *(
+            f"{source}: 'accept' names '{name}', which was not found{scope}"
+            for name in names
+            if name not in accepted_names
+        ),
     ]
 
 

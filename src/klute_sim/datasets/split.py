@@ -51,16 +51,18 @@ class Split(NamedTuple):
 def split_trials(trials: Sequence[Trial], source: str) -> Split:
     """Return the split of ``trials`` into those for fit, validation and test (:func:`assign_uses`)."""
     ranges = [{channel: float(np.ptp(s.value)) for channel, s in trial.prescribed.items()} for trial in trials]
-    largest = {channel: max(r.get(channel, 0.0) for r in ranges) for each in ranges for channel in each}
+    largest = {channel: max(r.get(channel, 0.0) for r in ranges) for trial_ranges in ranges for channel in trial_ranges}
     return assign_uses(
         (
             SplitEntry(
                 trial.name,
                 trial.group,
                 trial.use,
-                frozenset(c for c, value in each.items() if value > 0.0 and value >= MIN_RANGE_FRACTION * largest[c]),
+                frozenset(
+                    c for c, value in trial_ranges.items() if value > 0.0 and value >= MIN_RANGE_FRACTION * largest[c]
+                ),
             )
-            for trial, each in zip(trials, ranges, strict=True)
+            for trial, trial_ranges in zip(trials, ranges, strict=True)
         ),
         source,
     )

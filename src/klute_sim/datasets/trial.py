@@ -171,7 +171,7 @@ def read_trial(
         if file.ignored:
             remarks.append(f"trial file {file.source}: ignored columns {format_columns(file.ignored)}")
         remarks += file.remarks
-    unmapped = mapping.check_found({*columns, TIME_COLUMN}, tables, rig)
+    unmapped = mapping.check_expressions({*columns, TIME_COLUMN}, tables, rig)
     if unmapped and not any(channel in columns for channel in get_measured_units(rig)):
         raise InputError(next(iter(unmapped.values())))
     units = {channel: column.file.units[column.name] for channel, column in columns.items()}

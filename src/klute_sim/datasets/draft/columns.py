@@ -109,7 +109,7 @@ def recognize_file(path: Path, assumed_units: Mapping[str, str] = MappingProxyTy
     content = read_bytes(path, TRIAL)
     file = open_source(content, path, None, lambda heading: interpret_heading(heading) is not None, ())
     chosen = _choose_headings(file, is_raw=False)
-    raw = {name: each for name, each in _choose_headings(file, is_raw=True).items() if name not in chosen}
+    raw = {name: column for name, column in _choose_headings(file, is_raw=True).items() if name not in chosen}
     unknown = {name for name, (heading, _) in chosen.items() if assumed_units.get(heading) == UNKNOWN_UNIT}
     raw |= {name: chosen.pop(name) for name in unknown}
     choices = {
@@ -149,8 +149,8 @@ def _choose_headings(file: ColumnSource, *, is_raw: bool) -> dict[str, tuple[str
             candidates.setdefault(meaning.channel, []).append((index, heading, meaning))
     chosen = {}
     for channel in (channel for channel in _SI_UNITS if channel in candidates):
-        columns = sorted(candidates[channel], key=lambda each: each[2].rank)
-        readable = (each for each in columns if len(columns) == 1 or _is_readable(file, each[0]))
+        columns = sorted(candidates[channel], key=lambda column: column[2].rank)
+        readable = (column for column in columns if len(columns) == 1 or _is_readable(file, column[0]))
         chosen[channel] = next(readable, columns[0])[1:]
     return chosen
 

@@ -106,10 +106,12 @@ def write_dataset_draft(
         lines += ["", "[[trial]]", f"files = {json.dumps(_list_names(file))}"]
         lines += [f"group = {json.dumps(group)}"] if group else []
         lines += question.format_name(index) if question else []
-        own = {channel: choice for channel, choice in file.choices.items() if shared.get(channel) != choice}
-        own_raw = {name: choice for name, choice in file.raw_choices.items() if shared_raw.get(name) != choice}
+        trial_choices = {channel: choice for channel, choice in file.choices.items() if shared.get(channel) != choice}
+        trial_raw_choices = {
+            name: choice for name, choice in file.raw_choices.items() if shared_raw.get(name) != choice
+        }
         lacking = [c for c in missing if _is_known(c, files) and not _is_known(c, [file])]
-        columns = _format_columns("[trial.columns]", own, own_raw, lacking)
+        columns = _format_columns("[trial.columns]", trial_choices, trial_raw_choices, lacking)
         lines += [*columns, *(question.format_tables(index, file, has_columns=bool(columns)) if question else [])]
     remarks += [f"to do: {question.remark}"] if question else []
     remarks += [
@@ -200,11 +202,11 @@ def _replace_missing_command(files: list[RecognizedFile]) -> tuple[list[Recogniz
         choice = file.choices[_PRESSURE]
         expression = choice.expression or format_column(choice.heading)
         reason = "no command was recognized; the measured pressure stands for it"
-        choices = {name: each for name, each in file.choices.items() if name != _PRESSURE}
+        choices = {name: channel_choice for name, channel_choice in file.choices.items() if name != _PRESSURE}
         choices[_COMMAND] = replace(
             choice, expression=expression, remark="; ".join(filter(None, (choice.remark, reason)))
         )
-        samples = {name: each for name, each in file.samples.items() if name != _PRESSURE}
+        samples = {name: channel_samples for name, channel_samples in file.samples.items() if name != _PRESSURE}
         samples[_COMMAND] = file.samples[_PRESSURE]
         changed.append(replace(file, choices=choices, samples=samples))
     lines = ["", "[noise]", f'{_COMMAND} = "{ASSUMED_PRESSURE_NOISE}"  # assumed; state that of your gauge']
@@ -287,7 +289,9 @@ def _name_groups(files: Sequence[RecognizedFile], groups: Sequence[int]) -> list
         if len(stems) > 1:
             name = _find_common_beginning(stems).rstrip("_-. ") or stems[0]
             numbered = (f"{name}_repeats_{number}" for number in count(2))
-            names[group] = next(each for each in chain((name, f"{name}_repeats"), numbered) if each not in taken)
+            names[group] = next(
+                candidate for candidate in chain((name, f"{name}_repeats"), numbered) if candidate not in taken
+            )
             taken.add(names[group])
     return [names.get(group, "") for group in groups]
 

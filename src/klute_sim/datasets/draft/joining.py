@@ -32,10 +32,10 @@ def join_files(files: Sequence[RecognizedFile]) -> list[RecognizedFile]:
 def _may_join(trial: RecognizedFile, file: RecognizedFile) -> bool:
     stem, other = trial.path.stem, file.path.stem
     is_named_alike = other == stem or (other.startswith(stem) and other[len(stem)] in SEPARATORS)
-    channels = [{*each.choices, *each.raw_choices} for each in (trial, file)]
+    channels = [{*recognized_file.choices, *recognized_file.raw_choices} for recognized_file in (trial, file)]
     if not is_named_alike or channels[0] & channels[1] != {"time"}:
         return False
-    times = [each.samples["time"] for each in (trial, file)]
+    times = [recognized_file.samples["time"] for recognized_file in (trial, file)]
     return bool(max(np.nanmin(time) for time in times) < min(np.nanmax(time) for time in times))
 
 

@@ -57,22 +57,22 @@ def _compute_span(files: Sequence[RecognizedFile], channel: str) -> float:
 def _are_repeats(file: RecognizedFile, other: RecognizedFile, noise: Mapping[str, float]) -> bool:
     """Return whether inputs and outputs agree; ``noise`` holds the smallest tolerance of each output."""
     pair = (file, other)
-    known = [{name for name in ("time", *MIN_TOLERANCES) if each.get_output(name) is not None} for each in pair]
+    known = [{name for name in ("time", *MIN_TOLERANCES) if member.get_output(name) is not None} for member in pair]
     inputs = known[0] - {"time"}
     if known[0] != known[1] or not inputs:
         return False
-    durations = [float(np.ptp(_get_times(each))) for each in pair]
+    durations = [float(np.ptp(_get_times(member))) for member in pair]
     if abs(durations[0] - durations[1]) > DURATION_TOLERANCE * max(durations):
         return False
     times = np.linspace(0.0, min(durations), N_COMPARED)
-    outputs = [name for name in noise if all(each.get_output(name) is not None for each in pair)]
+    outputs = [name for name in noise if all(member.get_output(name) is not None for member in pair)]
     limits = [(name, RELATIVE_TOLERANCE, MIN_TOLERANCES[name]) for name in inputs]
     limits += [(name, OUTPUT_TOLERANCE, noise[name]) for name in outputs]
     for name, relative, smallest in limits:
         difference = _sample(file, name, times) - _sample(other, name, times)
-        tolerance = max(relative * max(_compute_span([each], name) for each in pair), smallest)
+        tolerance = max(relative * max(_compute_span([member], name) for member in pair), smallest)
         # A measured input, such as the pressure that stands for the command, differs by its noise as well.
-        variance = sum(_estimate_noise(each, name) ** 2 for each in pair)
+        variance = sum(_estimate_noise(member, name) ** 2 for member in pair)
         if not float(np.mean(difference**2)) <= tolerance**2 + variance:  # or the time is missing somewhere
             return False
     return True

@@ -117,15 +117,15 @@ def find_resting_lengths(files: Sequence[RecognizedFile], resting: RestingLength
     A length that all names share beside another, such as a diameter, is none, and neither is one from which the
     lengths or displacements of the file could not come.
     """
-    found = [
+    candidate_lengths = [
         {length for length in _read_lengths(file.path.stem) if _may_rest_at(file, length, resting)} for file in files
     ]
-    common = set.intersection(*found) if found else set()
-    if all(lengths - common for lengths in found):
-        found = [lengths - common for lengths in found]
-    if not resting.muscle or any(len(lengths) != 1 for lengths in found):
+    common = set.intersection(*candidate_lengths) if candidate_lengths else set()
+    if all(lengths - common for lengths in candidate_lengths):
+        candidate_lengths = [lengths - common for lengths in candidate_lengths]
+    if not resting.muscle or any(len(lengths) != 1 for lengths in candidate_lengths):
         return []
-    return [next(iter(lengths)) for lengths in found]
+    return [next(iter(lengths)) for lengths in candidate_lengths]
 
 
 def _read_lengths(name: str) -> set[float]:

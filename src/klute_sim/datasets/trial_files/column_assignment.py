@@ -81,10 +81,10 @@ def assign_columns(
     missing: dict[str, str] = {}
     remarks = [*file.remarks]
     for channel, alternatives in expressions.items():
-        found = [(expression, *_find_columns(expression, file, source)) for expression in alternatives]
-        applicable = next(((expression, indices) for expression, indices, reason in found if not reason), None)
+        lookups = [(expression, *_find_columns(expression, file, source)) for expression in alternatives]
+        applicable = next(((expression, indices) for expression, indices, reason in lookups if not reason), None)
         if applicable is None:
-            missing[channel] = _describe_missing([reason for _, _, reason in found], alternatives, file)
+            missing[channel] = _describe_missing([reason for _, _, reason in lookups], alternatives, file)
             continue
         expression, indices = applicable
         unit, factor, remark = _determine_unit(expression, file, indices, column_units[channel], source)
@@ -175,9 +175,9 @@ def _match_headings(name: str, file: ColumnSource) -> list[int]:
     Case does not matter where nothing else matches, but ``Row`` is not meant by the number of the row.
     """
     names = [_split_heading(heading)[0] for heading in file.headings] if file.has_units else list(file.headings)
-    folded = [each.casefold() for each in names] if name != ROW else []
-    for candidates, wanted in ((file.headings, name), (names, name), (folded, name.casefold())):
-        matches = [index for index, candidate in enumerate(candidates) if candidate == wanted]
+    folded = [heading.casefold() for heading in names] if name != ROW else []
+    for candidates, target in ((file.headings, name), (names, name), (folded, name.casefold())):
+        matches = [index for index, candidate in enumerate(candidates) if candidate == target]
         if matches:
             return matches
     return []

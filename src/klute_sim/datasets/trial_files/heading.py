@@ -165,7 +165,7 @@ def _choose_delimiter(text: str, following: str) -> str:
     """
     heading, row = (_QUOTED.sub("", line) for line in (text, following))
     delimiters = DELIMITERS[::-1]
-    matching = (each for each in delimiters if 0 < heading.count(each) == row.count(each))
+    matching = (delimiter for delimiter in delimiters if 0 < heading.count(delimiter) == row.count(delimiter))
     return next(matching, max(delimiters, key=heading.count))
 
 

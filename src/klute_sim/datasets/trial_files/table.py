@@ -60,7 +60,9 @@ def read_trial_file(
     """
     source = str(path)
     content = _read_content(path)
-    names = {name for alternatives in expressions.values() for each in alternatives for name in each.columns}
+    names = {
+        name for alternatives in expressions.values() for expression in alternatives for name in expression.columns
+    }
     file = open_source(
         content, path, heading_row, lambda heading: is_known_heading(heading, column_units, expressions), names
     )
