@@ -62,7 +62,7 @@ def suggest_from(name: str, candidates: Iterable[str], pointer: str) -> str:
     nearest = [f"'{match}'" for match in difflib.get_close_matches(name, allowed, 3)]
     # The last part, such as a number of another element, matters most.
     ending = re.split(r"[./]", name)[-1]
-    nearest = nearest or [f"'{each}'" for each in allowed if ending and each.endswith(ending)][:3]
+    nearest = nearest or [f"'{candidate}'" for candidate in allowed if ending and candidate.endswith(ending)][:3]
     if not nearest:
         return f"allowed: {len(allowed)} names such as '{allowed[0]}'; {pointer}"
     return f"did you mean {', '.join(nearest[:-1])}{' or ' if len(nearest) > 1 else ''}{nearest[-1]}? {pointer}"

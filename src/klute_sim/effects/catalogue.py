@@ -376,7 +376,6 @@ def find_form(effect: str, form: str | None) -> tuple[Effect, EffectForm]:
         raise InputError(f"there is no effect '{effect}'; {suggest(effect, get_effects(), listing)}")
     known_form = known_effect.forms[0] if form is None else known_effect.find_form(form)
     if known_form is None:
-        raise InputError(
-            f"effect '{effect}' has no form '{form}'; it has: {', '.join(each.name for each in known_effect.forms)}"
-        )
+        names = ", ".join(effect_form.name for effect_form in known_effect.forms)
+        raise InputError(f"effect '{effect}' has no form '{form}'; it has: {names}")
     return known_effect, known_form
