@@ -72,9 +72,11 @@ class ClockDelay(NamedTuple):
 
 def find_clock_delays(trials: Sequence[MeasuredTrial]) -> list[Finding]:
     """Return a finding for each trial whose plate or log has another clock; the instruments of all are the same."""
-    estimates = [(each, found) for each in trials if (found := estimate_clock_delay(each)) is not None]
-    clock = identify_clock([found for _, found in estimates]) if estimates else "unknown"
-    return [_describe(measured, found, clock) for measured, found in estimates]
+    estimates = [
+        (measured, estimate) for measured in trials if (estimate := estimate_clock_delay(measured)) is not None
+    ]
+    clock = identify_clock([delay for _, delay in estimates]) if estimates else "unknown"
+    return [_describe(measured, delay, clock) for measured, delay in estimates]
 
 
 def estimate_clock_delay(measured: MeasuredTrial) -> ClockDelay | None:
@@ -102,15 +104,15 @@ def estimate_clock_delay(measured: MeasuredTrial) -> ClockDelay | None:
     tried = [difference - delays[0] for difference in _list_delays(MAX_LOG_DIFFERENCE)]
     log_delay = _find_best_delay(measured, channels[0], tried, "log")
     replays = as_recorded, shifted, measured.compare(log_delay=log_delay) or as_recorded
-    shares = {name: UnexplainedShares(*(each[name].unexplained for each in replays)) for name in channels}
+    shares = {name: UnexplainedShares(*(replay[name].unexplained for replay in replays)) for name in channels}
     return ClockDelay(delays[0], log_delay, shares)
 
 
 def identify_clock(estimates: Sequence[ClockDelay]) -> Clock:
     """Return which clock differs in all trials: the other one leaves clearly more of every channel unexplained."""
     ratios: dict[str, list[float]] = {}
-    for found in estimates:
-        for name, shares in found.unexplained.items():
+    for estimate in estimates:
+        for name, shares in estimate.unexplained.items():
             ratios.setdefault(name, []).append(shares.plate_shifted / shares.log_shifted)
     means = np.array([np.exp(np.mean(np.log(values))) for values in ratios.values()])
     if means.prod() >= MIN_TOTAL_RATIO and means.min() >= MIN_CHANNEL_RATIO:
@@ -143,13 +145,13 @@ def _find_best_delay(
     return delays[best] + offset * (delays[1] - delays[0])
 
 
-def _describe(measured: MeasuredTrial, found: ClockDelay, clock: Clock) -> Finding:
-    channel, shares = next(iter(found.unexplained.items()))
+def _describe(measured: MeasuredTrial, delay: ClockDelay, clock: Clock) -> Finding:
+    channel, shares = next(iter(delay.unexplained.items()))
     before, plate_shifted, log_shifted = (f"{100.0 * share:.2g} %" for share in shares)
-    plate = f"the force plate is {_format_delay(found.plate_delay)} against {' and '.join(found.unexplained)}"
-    log = f"the log of the device is {_format_delay(found.log_delay)} against the motion and the force plate"
-    plate_advice = _advise(measured.trial, found.plate_delay, PLATE_CHANNELS)
-    log_advice = _advise(measured.trial, found.log_delay, measured.log_channels)
+    plate = f"the force plate is {_format_delay(delay.plate_delay)} against {' and '.join(delay.unexplained)}"
+    log = f"the log of the device is {_format_delay(delay.log_delay)} against the motion and the force plate"
+    plate_advice = _advise(measured.trial, delay.plate_delay, PLATE_CHANNELS)
+    log_advice = _advise(measured.trial, delay.log_delay, measured.log_channels)
     exchange = "or, if the file of the plate is that of another trial, exchange it"
     section = "under [delay] or [trial.delay]"
     unexplained = f"{before} of the variance of {channel} unexplained"
@@ -162,7 +164,7 @@ def _describe(measured: MeasuredTrial, found: ClockDelay, clock: Clock) -> Findi
         statement = (
             f"{log}: a replay leaves {unexplained}, {log_shifted} if {_join(measured.log_channels)} are shifted by "
             f"this time, and {plate_shifted} if the plate is shifted instead; {log_advice} {section}, or "
-            f"{-found.log_delay:.3f} for the file of the log under [clock] in a file for --map of an import"
+            f"{-delay.log_delay:.3f} for the file of the log under [clock] in a file for --map of an import"
         )
     else:
         statement = (
