@@ -57,8 +57,8 @@ def _extract_legs_from_markers(
     filtered = from_markers.preprocess_markers(source.markers, frame, options.motion_cutoff, source.name)
     located = {side: from_markers.locate_landmarks(filtered, roles, side, source.name, log) for side in SIDES}
     landmarks_by_side = {side: landmarks for side, landmarks in located.items() if landmarks is not None}
-    found = checks.find_landmark_findings(landmarks_by_side, options.stature, source.name)
-    log.require_accepted(found, options.accept)
+    findings = checks.find_landmark_findings(landmarks_by_side, options.stature, source.name)
+    log.require_accepted(findings, options.accept)
     foot_loads = loads.read_foot_loads(trial, options, log)
     plates = loads.read_plate_loads(trial, frame, log)
     if plates and not foot_loads:

@@ -90,6 +90,6 @@ def find_cop_findings(
         cop = ScaledSeries("cop", Series(load.time, np.where(is_seen, load.cop[:, 0], np.nan)), "m", 1.0)
         ankle = Series(leg.time[known], leg.ankle[known, 0])
         place = f"file {load.file_name}, {side} foot"
-        found, progression = positions.check_cop(cop, ankle, vertical, steps, place)
-        findings += found + positions.check_progression(progression, "cop", place)
+        cop_findings, progression = positions.check_cop(cop, ankle, vertical, steps, place)
+        findings += cop_findings + positions.check_progression(progression, "cop", place)
     return findings

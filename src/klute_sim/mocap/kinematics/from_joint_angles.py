@@ -197,8 +197,8 @@ def _build_leg(
         for name, column in leg_columns.items()
         if name in channel_names.ANGLE_CHANNELS
     }
-    found = checks.find_side_findings(Series(clock.time, angles["knee_angle"]), foot.contacts, side, knee.file_name)
-    log.require_accepted(found, options.accept)
+    findings = checks.find_side_findings(Series(clock.time, angles["knee_angle"]), foot.contacts, side, knee.file_name)
+    log.require_accepted(findings, options.accept)
     shank_zero_is_free = _derive_shank_angle(angles, body.pelvis_tilt, clock, log, options.motion_cutoff)
     if shank_zero_is_free is None:
         log.add_missing(

@@ -319,8 +319,10 @@ def _find_passing_legs(
     If all complete contacts on the plate agree, the others, which the recording truncates, follow them.
     """
     passing = [{leg for leg in legs if _passes(ankles.get(leg), contact, loads)} for contact in contacts]
-    complete = [each for each, c in zip(passing, contacts, strict=True) if c.has_foot_strike and c.has_toe_off]
-    is_agreed = bool(complete) and all(each == complete[0] for each in complete)
+    complete = [
+        passing_legs for passing_legs, c in zip(passing, contacts, strict=True) if c.has_foot_strike and c.has_toe_off
+    ]
+    is_agreed = bool(complete) and all(passing_legs == complete[0] for passing_legs in complete)
     return [complete[0]] * len(contacts) if is_agreed else passing
 
 

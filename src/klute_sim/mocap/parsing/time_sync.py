@@ -20,7 +20,7 @@ def estimate_lag(signal: TimeSeries, reference: TimeSeries) -> tuple[float, floa
 
     Returns None if the two overlap for less than a second, or one has no known samples.
     """
-    signal, reference = (TimeSeries(*(v[np.isfinite(each.value)] for v in each)) for each in (signal, reference))
+    signal, reference = (TimeSeries(*(v[np.isfinite(series.value)] for v in series)) for series in (signal, reference))
     if not (len(signal.time) and len(reference.time)):
         return None
     begin = max(signal.time[0] + MAX_LAG, reference.time[0])
