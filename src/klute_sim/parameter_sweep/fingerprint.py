@@ -32,11 +32,11 @@ def fingerprint_joint_software() -> dict[str, str]:
     return {**fingerprint_software(), "code": compute_code_digest(*paths)}
 
 
-def describe_difference(found: Mapping[str, str], expected: Mapping[str, str]) -> str:
+def describe_difference(actual: Mapping[str, str], expected: Mapping[str, str]) -> str:
     """Return what differs between two fingerprints, for the user; an empty string: nothing."""
-    different = [name for name in (*expected, *found) if found.get(name) != expected.get(name)]
+    different = [name for name in (*expected, *actual) if actual.get(name) != expected.get(name)]
     return ", ".join(
-        f"{name} {_shorten(found.get(name))} instead of {_shorten(expected.get(name))}"
+        f"{name} {_shorten(actual.get(name))} instead of {_shorten(expected.get(name))}"
         for name in dict.fromkeys(different)
     )
 
