@@ -84,14 +84,16 @@ def _contradict_laws(pairs: Sequence[ForcePair]) -> bool:
     misfits = [compute_size(measured[index] - expected[index]) for index in (0, 1)]
     others = [compute_misfit(measured[index], expected[1 - index]) for index in (0, 1)]
     are_far = all(misfit > MIN_MISFIT * compute_size(force) for misfit, force in zip(misfits, measured, strict=True))
-    return are_far and all(own > MISFIT_RATIO * other for own, other in zip(misfits, others, strict=True))
+    return are_far and all(misfit > MISFIT_RATIO * other for misfit, other in zip(misfits, others, strict=True))
 
 
 def _contradict_balance(pairs: Sequence[ForcePair]) -> bool:
     """Return whether the exchanged forces balance the load of the free joint, or no joint is free."""
-    own, exchanged = [], []
+    residuals, exchanged_residuals = [], []
     for first, second, balance in pairs:
         if balance is not None:
-            own.append(balance.compute_residual(first.measured, second.measured))
-            exchanged.append(balance.compute_residual(second.measured, first.measured))
-    return not own or compute_size(np.concatenate(own)) > BALANCE_RATIO * compute_size(np.concatenate(exchanged))
+            residuals.append(balance.compute_residual(first.measured, second.measured))
+            exchanged_residuals.append(balance.compute_residual(second.measured, first.measured))
+    return not residuals or compute_size(np.concatenate(residuals)) > BALANCE_RATIO * compute_size(
+        np.concatenate(exchanged_residuals)
+    )

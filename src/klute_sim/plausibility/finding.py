@@ -63,25 +63,27 @@ def format_options(names: Sequence[str]) -> str:
 
 def check_accepted_names(
     names: Iterable[str],
-    found: Iterable[Finding],
+    findings: Iterable[Finding],
     channels: Collection[str],
     others: Collection[str] = (),
     place: str = "",
 ) -> None:
     """Raise InputError for one of ``names`` to accept that no finding in trials with ``channels`` can have.
 
-    ``others`` are further possible names. The sentence begins with ``place`` and lists the names that were ``found``; a
-    possible one that was not is allowed, because the same names may be accepted for several datasets.
+    ``others`` are further possible names. The sentence begins with ``place`` and lists the names of the ``findings``; a
+    possible one that is not among them is allowed, because the same names may be accepted for several datasets.
     """
-    found_names = list(dict.fromkeys(finding.name for finding in found))
+    finding_names = list(dict.fromkeys(finding.name for finding in findings))
     for name in names:
         *subjects, kind = name.split("-")
         is_possible = bool(subjects) and kind in KINDS and {*subjects} <= {*channels, *SUBJECTS}
-        if not is_possible and name not in (*found_names, *others):
+        if not is_possible and name not in (*finding_names, *others):
             listing = (
-                f"found in these data: {', '.join(found_names)}" if found_names else "these data have none to accept"
+                f"found in these data: {', '.join(finding_names)}"
+                if finding_names
+                else "these data have none to accept"
             )
-            raise InputError(f"{place}there is no finding '{name}'; {suggest(name, found_names, listing)}")
+            raise InputError(f"{place}there is no finding '{name}'; {suggest(name, finding_names, listing)}")
 
 
 def require_accepted(

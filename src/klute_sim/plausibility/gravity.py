@@ -41,9 +41,11 @@ def _check_direction(gravity: Sequence[float], of_file: Sequence[float], place: 
     size = math.hypot(*gravity) * math.hypot(*of_file)
     if size == 0.0 or sum(a * b for a, b in zip(gravity, of_file, strict=True)) > MAX_OPPOSITE_COSINE * size:
         return []
-    own, declared = (", ".join(f"{round_digits(value):g}" for value in vector) for vector in (gravity, of_file))
+    model_vector, file_vector = (
+        ", ".join(f"{round_digits(value):g}" for value in vector) for vector in (gravity, of_file)
+    )
     statement = (
-        f"the gravity of the model is ({own}) m/s2, opposite to ({declared}) m/s2 in the file of the model; turn the "
-        "sign of model.option.gravity_x to _z, unless the rig was mounted upside down"
+        f"the gravity of the model is ({model_vector}) m/s2, opposite to ({file_vector}) m/s2 in the file of the "
+        "model; turn the sign of model.option.gravity_x to _z, unless the rig was mounted upside down"
     )
     return [Finding(GRAVITY_NAME, place, statement)]

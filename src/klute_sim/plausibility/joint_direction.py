@@ -41,7 +41,7 @@ class MirroredLoad(NamedTuple):
     @property
     def shows_reversal(self) -> bool:
         """Whether the load changes against the position as it stands, and with the mirrored one."""
-        varies = all(compute_variation(each.expected) > MIN_VARIATION for each in self)
+        varies = all(compute_variation(series.expected) > MIN_VARIATION for series in self)
         is_reversed = self.declared.correlation < MAX_REVERSED_CORRELATION
         return varies and is_reversed and self.mirrored.correlation > MIN_CORRELATION
 
@@ -57,12 +57,12 @@ def check_joint_direction(positions: Sequence[tuple[str, Samples]], loads: Seque
 
     ``loads`` are all that depend on the joint.
     """
-    judged = [each for each in loads if each.mirrored.is_informative and compute_size(each.mirrored.measured) > 0.0]
-    if not any(each.shows_reversal for each in judged) or not all(each.agrees for each in judged):
+    judged = [load for load in loads if load.mirrored.is_informative and compute_size(load.mirrored.measured) > 0.0]
+    if not any(load.shows_reversal for load in judged) or not all(load.agrees for load in judged):
         return []
-    sizes = np.array([compute_size(each.mirrored.measured) for each in judged])
-    before = np.array([compute_size(each.declared.measured - each.declared.expected) for each in judged]) / sizes
-    after = np.array([compute_misfit(each.mirrored.measured, each.mirrored.expected) for each in judged]) / sizes
+    sizes = np.array([compute_size(load.mirrored.measured) for load in judged])
+    before = np.array([compute_size(load.declared.measured - load.declared.expected) for load in judged]) / sizes
+    after = np.array([compute_misfit(load.mirrored.measured, load.mirrored.expected) for load in judged]) / sizes
     misfit = compute_size(before)
     if misfit < MIN_MISFIT or misfit < MISFIT_RATIO * compute_size(after):
         return []

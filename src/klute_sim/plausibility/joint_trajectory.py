@@ -71,22 +71,22 @@ class _Comparison(NamedTuple):
 
 def check_joint_trajectories(trajectories: Sequence[JointTrajectory]) -> list[Finding]:
     """Return findings for all ``trajectories`` of a joint if these have the wrong sign, unit or zero."""
-    compared = [each for each in map(_compare, trajectories) if each is not None]
+    compared = [comparison for comparison in map(_compare, trajectories) if comparison is not None]
     if not compared:
         return []
-    correlations = np.array([each.correlation for each in compared])
+    correlations = np.array([comparison.correlation for comparison in compared])
     sign = float(np.sign(np.median(correlations)))
     if (sign * correlations).min() < MIN_CORRELATION or abs(np.median(correlations)) < MIN_TYPICAL_CORRELATION:
         return []
-    scale = float(np.median([each.scale for each in compared]))
+    scale = float(np.median([comparison.scale for comparison in compared]))
     if sign < 0.0:
-        return [_describe_sign(each) for each in compared] if 1.0 / MAX_SCALE < scale < MAX_SCALE else []
+        return [_describe_sign(comparison) for comparison in compared] if 1.0 / MAX_SCALE < scale < MAX_SCALE else []
     unit = _guess_unit(compared[0].trajectory.samples, scale)
     if unit:
-        return [_describe_unit(each, unit) for each in compared]
-    offset = float(np.median([each.offset for each in compared]))
+        return [_describe_unit(comparison, unit) for comparison in compared]
+    offset = float(np.median([comparison.offset for comparison in compared]))
     if 1.0 / MAX_SCALE < scale < MAX_SCALE and abs(offset) > MAX_ZERO_ERROR * trajectories[0].stop_range:
-        return [_describe_zero(each, offset) for each in compared]
+        return [_describe_zero(comparison, offset) for comparison in compared]
     return []
 
 
@@ -171,11 +171,14 @@ def check_exchanged_pressures(
         has_all = all("pressure" in trial.channels for pair in pairs for trial in pair)
         if not pairs or not has_all or len(trials[first]) != len(trials[second]):
             continue
-        own, other = (
+        straight_differences, crossed_differences = (
             [_compute_difference(pairs, index, command) for index, command in ((0, shift), (1, 1 - shift))]
             for shift in (0, 1)
         )
-        if any(EXCHANGE_RATIO * crossed >= straight for crossed, straight in zip(other, own, strict=True)):
+        if any(
+            EXCHANGE_RATIO * crossed >= straight
+            for crossed, straight in zip(crossed_differences, straight_differences, strict=True)
+        ):
             continue
         quantity, name = ("pressure_command", "commands") if moves_back else ("pressure", "pressures")
         names = sorted(f"{quantity}_{channels[tendon]}" for tendon in (first, second))

@@ -25,11 +25,11 @@ MAX_STOP_DISTANCE = 0.1
 def check_tendon_pressures(trials: Mapping[str, Sequence[RecordedTrial]]) -> list[Finding]:
     """Return what is implausible in commands and pressures; ``trials`` holds those of each tendon's device."""
     findings = []
-    for tendon, own in trials.items():
-        others = [trial for other, each in trials.items() if other != tendon for trial in each]
-        with_pressure = [trial for trial in own if "pressure" in trial.channels]
-        small = [*check_all_commands(list(own)), *check_all_commands(with_pressure, "pressure")]
-        is_idle = all(_compute_range(trial.get_samples("pressure_command")) == 0.0 for trial in own)
+    for tendon, tendon_trials in trials.items():
+        others = [trial for other, other_trials in trials.items() if other != tendon for trial in other_trials]
+        with_pressure = [trial for trial in tendon_trials if "pressure" in trial.channels]
+        small = [*check_all_commands(list(tendon_trials)), *check_all_commands(with_pressure, "pressure")]
+        is_idle = all(_compute_range(trial.get_samples("pressure_command")) == 0.0 for trial in tendon_trials)
         if is_idle and others and not check_all_commands(others):  # one muscle of several, under a small command
             continue
         findings += small or _check_absolute(with_pressure)
@@ -103,7 +103,7 @@ def check_stuck_joint(
     differences = [first - second for i, first in enumerate(pressures) for second in pressures[:i]] or pressures
     if max(float(np.ptp(difference)) for difference in differences) < MIN_COMMAND_RANGE:
         return []
-    trial = max(driving, key=lambda each: _compute_range(each.get_samples("pressure_command")))
+    trial = max(driving, key=lambda driving_trial: _compute_range(driving_trial.get_samples("pressure_command")))
     cause = f"{trial.get_name('pressure_command')} goes over {trial.format_channel('pressure_command')}"
     return _check_constant(samples, place, cause)
 

@@ -60,7 +60,7 @@ def check_absolute_pressures(assessments: Sequence[Assessment]) -> list[Finding]
         if all(_rests_at_atmosphere(assessment.trial) for assessment in group):
             rests = [rest for rest in map(_measure_rest, group) if rest is not None]
             if rests and all(abs(rest.measured) < MAX_REST_FORCE * rest.expected for rest in rests):
-                findings += [finding for each in group for finding in _describe(each.trial, rests[0])]
+                findings += [finding for member in group for finding in _describe(member.trial, rests[0])]
     return findings
 
 

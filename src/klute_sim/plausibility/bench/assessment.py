@@ -133,7 +133,7 @@ class Assessment:
             self._outcomes[mistake.key] = None
             return None
         min_ratio, max_misfit = EVIDENCE.get(name, (MIN_IMPROVEMENT, MAX_CHANNEL_MISFIT))
-        before, after = (combine_misfits(each, mistake.evidence) for each in (self.agreements, corrected))
+        before, after = (combine_misfits(agreements, mistake.evidence) for agreements in (self.agreements, corrected))
         worst = max(agreement.misfit for agreement in corrected.values())
         is_candidate = not self.has_wrong_range or name.endswith("-exchanged")
         is_candidate &= name != EXCHANGED_PRESSURES or self.has_leading_pressure

@@ -39,7 +39,9 @@ def check_bench_trials(trials: Sequence[RecordedTrial], accepted: Collection[str
         findings += gaps
         if not gaps:
             assessments.append(Assessment(trial, check_magnitudes(trial)))
-    absolute_pressures = check_absolute_pressures([each for each in assessments if not each.magnitudes])
+    absolute_pressures = check_absolute_pressures(
+        [trial_assessment for trial_assessment in assessments if not trial_assessment.magnitudes]
+    )
     absolute_places = {finding.place for finding in absolute_pressures}
     findings += absolute_pressures
     _mark_wrong_lengths(assessments)
@@ -53,7 +55,11 @@ def check_bench_trials(trials: Sequence[RecordedTrial], accepted: Collection[str
         findings = [finding for finding in findings if finding.name == "time-unit"] or findings
     questioned_places = frozenset(finding.place for finding in findings)
     if are_accepted(findings, accepted):
-        trusted = [each for each in assessments if each.trial.place not in questioned_places]
+        trusted = [
+            trial_assessment
+            for trial_assessment in assessments
+            if trial_assessment.trial.place not in questioned_places
+        ]
         findings += _check_together(trusted, accepted)
     return TrialFindings(findings, questioned_places)
 
@@ -73,13 +79,21 @@ def _check_together(assessments: Sequence[Assessment], accepted: Collection[str]
     if not are_accepted(findings, accepted):
         return findings
     places = {finding.place for finding in findings}
-    others = [each for each in assessments if each.trial.place not in places and not _explains_force(each)]
-    return [*findings, *check_all_commands([each.trial for each in others])]
+    others = [
+        assessment
+        for assessment in assessments
+        if assessment.trial.place not in places and not _explains_force(assessment)
+    ]
+    return [*findings, *check_all_commands([assessment.trial for assessment in others])]
 
 
 def _mark_wrong_lengths(assessments: Sequence[Assessment]) -> None:
     """Mark the trials whose lengths are read from the same columns as lengths that no muscle has."""
-    stretched = [each.trial for each in assessments if any(f.name == LENGTH_GEOMETRY for f in each.magnitudes)]
+    stretched = [
+        trial_assessment.trial
+        for trial_assessment in assessments
+        if any(f.name == LENGTH_GEOMETRY for f in trial_assessment.magnitudes)
+    ]
     for assessment in assessments:
         assessment.has_wrong_range |= any(assessment.trial.shares_sources(trial, ["length"]) for trial in stretched)
 

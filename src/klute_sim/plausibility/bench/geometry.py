@@ -29,7 +29,9 @@ def check_force_geometry(assessments: Sequence[Assessment]) -> list[Finding]:
     findings = []
     for group in specimens.values():
         pulling = [
-            each for each in group if "force" in each.agreements and varies(each.trial.get_samples("force").finite)
+            member
+            for member in group
+            if "force" in member.agreements and varies(member.trial.get_samples("force").finite)
         ]
         if group[0].trial.limits.pulls and _disagree([e.agreements["force"] for e in pulling]):
             findings += _describe(pulling)

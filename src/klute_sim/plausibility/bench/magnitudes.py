@@ -42,16 +42,16 @@ def check_missing_value_codes(trial: RecordedTrial) -> tuple[list[Finding], Reco
     findings: list[Finding] = []
     values: dict[str, Array] = {}
     for name, channel in trial.channels.items():
-        found = find_missing_value_code(channel.samples)
-        if found is None:
+        missing_value = find_missing_value_code(channel.samples)
+        if missing_value is None:
             continue
-        is_code = np.isclose(channel.samples.value / channel.samples.factor, found.code, rtol=1e-9, atol=0.0)
+        is_code = np.isclose(channel.samples.value / channel.samples.factor, missing_value.code, rtol=1e-9, atol=0.0)
         others = channel.samples._replace(value=np.where(is_code, np.nan, channel.samples.value))
         values[name] = others.value
         rest = trial.with_values(**{name: others.value}).format_channel(name)
         statement = (
-            f"{others.channel} is {found.code:g} {others.unit} in {found.n_samples} samples and {rest} in the others: "
-            "it looks like a code for missing values; leave the cells of missing samples empty"
+            f"{others.channel} is {missing_value.code:g} {others.unit} in {missing_value.n_samples} samples and "
+            f"{rest} in the others: it looks like a code for missing values; leave the cells of missing samples empty"
         )
         findings.append(Finding(f"{others.channel}-missing", trial.place, statement))
     return findings, trial.with_values(**values)
@@ -63,13 +63,13 @@ def check_spikes(trial: RecordedTrial) -> tuple[list[Finding], RecordedTrial]:
     values: dict[str, Array] = {}
     for name, channel in trial.channels.items():
         if name == "pressure_command":
-            found, is_wrong = _find_impossible_commands(trial)
+            channel_findings, is_wrong = _find_impossible_commands(trial)
         elif name in ("length", "muscle_length"):
             possible = trial.limits.possible_length if name == "length" else None
-            found, is_wrong = check_position(channel.samples, channel.time, "m", trial.place, possible)
+            channel_findings, is_wrong = check_position(channel.samples, channel.time, "m", trial.place, possible)
         else:
             continue
-        findings += found
+        findings += channel_findings
         values[name] = np.where(is_wrong, np.nan, channel.samples.value)
     return findings, trial.with_values(**values)
 

@@ -89,22 +89,24 @@ def _explains_all(mistake: Mistake, assessments: Sequence[Assessment]) -> bool:
 def _resembles_after(mistake: Mistake, trial: RecordedTrial, repeat: RecordedTrial, channels: Sequence[str]) -> bool:
     """Return whether the samples of ``channels`` are those of ``repeat`` without ``mistake`` only."""
     before, after = (
-        math.hypot(*(_measure_distance(each, repeat, channel) for channel in channels))
-        for each in (trial, mistake.trial)
+        math.hypot(*(_measure_distance(compared_trial, repeat, channel) for channel in channels))
+        for compared_trial in (trial, mistake.trial)
     )
     return before > max(MIN_DISTANCE, MIN_IMPROVEMENT * after)
 
 
 def _measure_distance(trial: RecordedTrial, repeat: RecordedTrial, channel: str) -> float:
     """Return the distance between the percentiles of a channel, relative to those of ``repeat``."""
-    first, second = (np.percentile(each.get_samples(channel).finite, PERCENTILES) for each in (trial, repeat))
+    first, second = (
+        np.percentile(compared_trial.get_samples(channel).finite, PERCENTILES) for compared_trial in (trial, repeat)
+    )
     scale = float(np.sqrt(np.mean(second**2)))
     return float(np.sqrt(np.mean((first - second) ** 2))) / scale if scale > 0.0 else 0.0
 
 
 def _differ_in_scale(first: Assessment, second: Assessment) -> bool:
     """Return whether some channel has another sign, or a scale that the law of the device cannot explain."""
-    scales = [_measure_scales(each) for each in (first, second)]
+    scales = [_measure_scales(assessment) for assessment in (first, second)]
     return any(
         scales[0][name] * scales[1][name] < 0.0
         or abs(math.log(scales[0][name] / scales[1][name])) > math.log(MAX_SCALE)

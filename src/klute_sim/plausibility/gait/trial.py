@@ -283,10 +283,10 @@ def _check_position_units(channels: dict[str, ScaledSeries], steps: list[Step], 
         ("ankle_x", motion.swing_speed, positions.SPEED_RANGE._replace(typical=speed), "per second the ankle travels"),
         ("ankle_z", motion.rise, positions.RISE_RANGE, "in swing the ankle rises by"),
     ):
-        found, guess = positions.check_unit(channels[name], size, plausible, meaning, place)
+        unit_findings, guess = positions.check_unit(channels[name], size, plausible, meaning, place)
         if guess:
             channels[name] = channels[name].multiply(UNITS["m"][guess] / channels[name].factor)
-        findings += found
+        findings += unit_findings
     if not findings and stance_share > 0.54 and motion.walking_speed > positions.MAX_WALKING_SPEED:
         statement = (
             f"`ankle_x` in [{x.unit}]: the foot walks at {motion.walking_speed:.1f} m/s, but stands for "
