@@ -11,21 +11,21 @@ from klute_sim.report.style import HUMAN_LINE, add_heading, get_series_colour, u
 
 MAX_CURVES = 5
 """Maximum number of prostheses in the figure, if the user has fewer; more are hard to tell from each other."""
-OWN_WIDTH, SHIPPED_WIDTH = 2.2, 1.1
+USER_WIDTH, SHIPPED_WIDTH = 2.2, 1.1
 """Width of the curves of the user's controllers and of shipped ones [points]."""
 
 
-def build_figure(own: Mapping[str, Recording], shipped: Mapping[str, Recording]) -> Figure:
+def build_figure(user_recordings: Mapping[str, Recording], shipped_recordings: Mapping[str, Recording]) -> Figure:
     """Plot the last stride of each run (label -> recording) over the own ankle.
 
-    All of the user's ``own`` controllers are drawn, by thick lines; then the first of the ``shipped`` ones, as long as
+    All ``user_recordings`` are drawn, by thick lines; then the first of the ``shipped_recordings``, as long as
     there are at most :data:`MAX_CURVES`.
     """
-    chosen = {**own, **dict(list(shipped.items())[: max(0, MAX_CURVES - len(own))])}
+    chosen = {**user_recordings, **dict(list(shipped_recordings.items())[: max(0, MAX_CURVES - len(user_recordings))])}
     last_strides = {
         name: recording.select(recording["stride"] == recording["stride"][-1]) for name, recording in chosen.items()
     }
-    widths = {name: OWN_WIDTH if name in own else SHIPPED_WIDTH for name in chosen}
+    widths = {name: USER_WIDTH if name in user_recordings else SHIPPED_WIDTH for name in chosen}
     mass = float(next(iter(chosen.values())).provenance["options"]["mass_kg"])
     weight = mass * GRAVITY
     panels = (
@@ -55,8 +55,8 @@ def _plot_channel(
 ) -> None:
     first = next(iter(strides.values()))
     if f"reference_{channel}" in first:
-        own = first[f"reference_{channel}"] / scale
-        axis.plot(first["gait_phase"], own, label="own ankle", **HUMAN_LINE)
+        ankle_curve = first[f"reference_{channel}"] / scale
+        axis.plot(first["gait_phase"], ankle_curve, label="own ankle", **HUMAN_LINE)
     for number, (name, stride) in enumerate(strides.items()):
         # A thick line below thin ones leaves both visible where they agree.
         axis.plot(
