@@ -350,5 +350,5 @@ def _evaluate_points(
         runner(list(missing.values()), on_result)
     progress(n_done + len(points))
     for x, point_cases in zip(points, cases_of_point, strict=True):
-        found = None if point_cases is None else [results[case.key] for case in point_cases]
-        yield problem.make_evaluation(x, found, generation)
+        point_results = None if point_cases is None else [results[case.key] for case in point_cases]
+        yield problem.make_evaluation(x, point_results, generation)

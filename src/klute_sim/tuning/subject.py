@@ -47,10 +47,11 @@ def make_human_goals(reference: Reference) -> Goals:
     The goals of able-bodied adults scale with peak power, net work and peak plantarflexion; the distance of the moment
     is in standard deviations and stays.
     """
-    own, default = _measure_ankle(reference), _measure_ankle(load_default_reference())
+    person_values, default_values = _measure_ankle(reference), _measure_ankle(load_default_reference())
     goals = (HUMAN_GOALS.power_w_per_kg, HUMAN_GOALS.work_j_per_kg, HUMAN_GOALS.plantarflexion_deg)
     power, work, plantarflexion = (
-        None if goal is None else goal * (a / b) for goal, a, b in zip(goals, own, default, strict=True)
+        None if goal is None else goal * (a / b)
+        for goal, a, b in zip(goals, person_values, default_values, strict=True)
     )
     return Goals(
         moment_sd=HUMAN_GOALS.moment_sd, power_w_per_kg=power, work_j_per_kg=work, plantarflexion_deg=plantarflexion
