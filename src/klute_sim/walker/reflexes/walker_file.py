@@ -61,8 +61,10 @@ class Walker:
         """Raise InputError unless the walker has two legs of flesh where ``is_intact``, and a prosthesis otherwise."""
         if self.is_intact != is_intact:
             kinds = ("two legs of flesh", "a prosthesis on the right leg")
-            own, wanted = kinds if self.is_intact else kinds[::-1]
-            raise InputError(f"walker {self.name} walks with {own}, not with {wanted}; choose another walker")
+            actual_kind, needed_kind = kinds if self.is_intact else kinds[::-1]
+            raise InputError(
+                f"walker {self.name} walks with {actual_kind}, not with {needed_kind}; choose another walker"
+            )
 
     def check_fits(self, body: Body, contact: Contact) -> None:
         """Raise InputError when the walker belongs to another body or another contact, in which it would fall."""
@@ -72,10 +74,12 @@ class Walker:
                 f"{body.digest[:12]}...); adapt a walker in this one with klute-sim walk adapt"
             )
         for key, values in contact.items():
-            own = self.contact.get(key, [])
-            if len(own) != len(values) or any(abs(a - b) > CONTACT_TOLERANCE for a, b in zip(own, values, strict=True)):
+            walker_values = self.contact.get(key, [])
+            if len(walker_values) != len(values) or any(
+                abs(a - b) > CONTACT_TOLERANCE for a, b in zip(walker_values, values, strict=True)
+            ):
                 raise InputError(
-                    f"walker {self.name} was adapted to a contact with {key} = {list(own)}, this one has "
+                    f"walker {self.name} was adapted to a contact with {key} = {list(walker_values)}, this one has "
                     f"{list(values)}; adapt a walker to this contact with klute-sim walk adapt"
                 )
 
