@@ -28,7 +28,7 @@ def test_unaccepted_findings_are_refused_with_the_way_to_accept_them() -> None:
         require_accepted([FORCE, TIME])
     assert str(error.value) == (
         "trial 'a': force is 3 to 9 kN: is its unit N?; trial 'a': time ends at 5000 s: is its unit ms?. If this is "
-        "right, accept it with --accept force-unit --accept time-unit"
+        "no mistake, accept it with --accept force-unit --accept time-unit"
     )
     assert error.value.findings == (FORCE, TIME)
 

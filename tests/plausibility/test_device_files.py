@@ -39,7 +39,7 @@ def test_message_names_value_range_reason_unit_and_how_to_accept(tmp_path: Path)
     assert str(error.value) == (
         f"device file {file}: muscle.c10_kpa = 11840, but 5 to 5000 kPa is plausible (soft silicone has 5 kPa, hard "
         "rubber and woven hoses a few thousand (assumed)): is it in Pa (11.8 kPa)? Convert it into kPa. If this is "
-        "right, accept it with the line accept = ['muscle.c10_kpa'] above the first section of the file"
+        "no mistake, accept it with the line accept = ['muscle.c10_kpa'] above the first section of the file"
     )
     file.write_text("accept = ['muscle.c10_kpa']\n" + file.read_text("utf-8"), "utf-8")
     assert load_device(file).spec.muscle.c10_kpa == 11840.0
