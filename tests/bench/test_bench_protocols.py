@@ -356,7 +356,7 @@ def test_decimation_keeps_ends_and_jumps() -> None:
     ("change", "says"),
     [
         (("kind = ", "kind = 'stretch' #"), "kind = 'stretch' is refused; allowed: isometric, isokinetic"),
-        (("dwell_s", "dwel_s"), "unknown key 'dwel_s'; allowed here: kind, name"),
+        (("dwell_s", "dwel_s"), r"unknown key 'dwel_s'; did you mean 'dwell_s'\? Allowed here: kind, name"),
         (("low_bar = 0.0\n", ""), "key 'low_bar' is missing"),
         (("velocities_mm_per_s = [1, 50, 100, 200]", "velocities_mm_per_s = [1, -5]"), "velocities_mm_per_s.2 = -5 is"),
         (("pressures_bar = [2, 3, 4, 5]", "pressures_bar = []"), r"pressures_bar = \[\] is refused"),

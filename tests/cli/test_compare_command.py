@@ -223,7 +223,10 @@ def test_missing_rerun_is_reported(gait_runs: Path, tmp_path: Path) -> None:
         (["profile", "off", "--baseline", "nobody"], "unknown baseline 'nobody'; allowed labels: profile, off"),
         (["profile", "off", "--skip", "2"], "leaves none"),
         (["profile", "off", "--skip", "-1"], "not in the range"),
-        (["profile", "off", "--over", "time", "--reference"], "--reference requires a comparison over phase"),
+        (
+            ["profile", "off", "--over", "time", "--reference"],
+            "compared over time, as --over says: leave out --reference",
+        ),
         (["profile", "", "--reference"], "the path of the run '' is empty"),
         (["profile", "off", "--out", "full"], "output folder full is not empty"),
         (["profile", "off", "--out", "bad.csv"], "is a file"),

@@ -173,6 +173,8 @@ def test_other_unit_than_in_the_heading_is_reported(tmp_path: Path) -> None:
         ("time =", "tiem =", "[columns] names the unknown channel 'tiem'; did you mean 'time'? Allowed: time, length"),
         ('"t [ms]"', "3", "columns.time = 3 is refused; allowed: a table of channel = 'expression [unit]', as text"),
         ("[ms]", "[mm]", "[columns] time = 't [mm]' has a unit of the wrong kind; allowed: s, ms, min"),
+        ("[N]", "[lbs]", "has a unit of mass, 'lbs'; did you mean 'lbf'? Allowed: N, kN, kgf, lbf"),
+        ("[N]", "[kg]", "has a unit of mass, 'kg'; did you mean 'kgf'? Allowed: N, kN, kgf, lbf"),
         ("t [ms]", "t", "[columns] time = 't' names a column without a unit; write for example 't [s]'"),
         ("t [ms]", "x [ms]", "has no time: there is no column 'x'; the columns are 't', 'stroke [mm]', 'AIN3', 'raw"),
         ('"stroke"', '"strok"', "'strok' cannot be computed: there is no column 'strok'; did you mean 'stroke [mm]'?"),

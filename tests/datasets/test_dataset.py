@@ -136,7 +136,7 @@ def load_error(folder: Path) -> str:
         (
             'rig = "bench"',
             'rigg = "bench"',
-            "unknown key 'rigg'; allowed here: format, rig, device, diameter, uncertain, heading_row, columns, noise, ",
+            "unknown key 'rigg'; did you mean 'rig'? Allowed here: format, rig, device, diameter, uncertain, ",
         ),
         ('device = "klute-3-4-pair"', "device = 3", "device = 3 is refused; allowed: a preset, or the path"),
         ('device = "klute-3-4-pair"', 'device = " "', "[device] ' ' is refused; allowed: a name or path on one"),
@@ -171,7 +171,7 @@ def load_error(folder: Path) -> str:
         (
             'group = "iso"',
             'grupp = "iso"',
-            "unknown key 'trial.1.grupp'; allowed here: files, group, use, device, heading_row",
+            "unknown key 'trial.1.grupp'; did you mean 'group'? Allowed here: files, group, use, device, heading_row",
         ),
         ('group = "iso"', "group = 7", "trial.1.group = 7 is refused; allowed: a name, as text"),
         (

@@ -62,7 +62,7 @@ def test_split_draws_only_the_missing_uses() -> None:
     assert split.test == ("s",)
     assert sizes(split, 1) == (2, 1, 1)
     assert split.description.startswith(
-        "the dataset specifies the use of some groups; of 4 groups, drawn by a hash of their names: 'g"
+        "the dataset specifies the use of some groups; of 4 groups, chosen by a fixed rule from their names: 'g"
     )
     partial = assign_uses(
         [SplitEntry("s", "s", "test"), SplitEntry("c", "c", "validation"), SplitEntry("f", "f", None)], "x"

@@ -247,7 +247,10 @@ def test_energy_and_air_balances_of_a_stride_close() -> None:
         ([('command = "pressure"', 'command = "opening"')], "gain_per_bar is not allowed with command = 'opening'"),
         ([('drive = "proportional"', "pwm_period_s = 0.02")], "pwm_period_s and min_pulse_s need drive = 'on-off'"),
         ([("exponent = 1.2", "exponent = 2.0")], "chamber.exponent = 2.0 is refused"),
-        ([("volume_l = 1.5", "volume = 1.5")], "unknown key 'tank.volume'; allowed here: volume_l, pressure_bar"),
+        (
+            [("volume_l = 1.5", "volume = 1.5")],
+            r"unknown key 'tank.volume'; did you mean 'volume_l'\? Allowed here: volume_l, pressure_bar",
+        ),
     ],
 )
 def test_invalid_supply_sections_are_refused(changes: list, message: str) -> None:

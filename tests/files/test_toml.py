@@ -59,7 +59,7 @@ def test_missing_file_is_one_sentence() -> None:
     ("content", "sentence"),
     [
         ({"name": "a", "colour": 1}, "unknown key 'colour'; allowed here: name, part, parts"),
-        ({"name": "a", "part": {"sise": 1}}, "unknown key 'part.sise'; allowed here: size"),
+        ({"name": "a", "part": {"sise": 1}}, "unknown key 'part.sise'; did you mean 'size'? Allowed here: size"),
         ({"name": "a", "parts": [{"size": 1, "a": 1}]}, "unknown key 'parts.1.a'; allowed here: size"),
         ({}, "key 'name' is missing"),
         ({"name": "a", "part": {"size": -1}}, "part.size = -1 is refused: input should be greater than 0"),

@@ -154,7 +154,11 @@ def _select_domain(
             remarks.add(remark)
     if domain == "time" and (options.include_reference or options.skip_strides is not None):
         option = "--reference" if options.include_reference else "--skip"
-        raise InputError(f"{option} requires a comparison over phase; these recordings are compared over time")
+        reason = "as --over says" if options.domain else "because not all of them have strides of tracked gait"
+        raise InputError(
+            f"{option} requires a comparison over phase; these recordings are compared over time, {reason}: leave out "
+            f"{option}"
+        )
     return runs, domain
 
 

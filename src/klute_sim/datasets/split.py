@@ -138,7 +138,7 @@ def _describe_split(group_uses: dict[str, Use | None], draws: list[str]) -> str:
         return f"the dataset specifies the use of all {count}"
     prefix = "the dataset specifies the use of some groups; " if any(group_uses.values()) else ""
     if draws:
-        return f"{prefix}of {count}, drawn by a hash of their names: {', '.join(draws)}; the others are fitted"
+        return f"{prefix}of {count}, chosen by a fixed rule from their names: {', '.join(draws)}; the others are fitted"
     if len(group_uses) < MIN_GROUPS_FOR_TEST:
         return f"{prefix}{count}: too few to hold one out, so all groups without a use are fitted"
     return f"{prefix}{count}: those without a use are fitted"

@@ -15,6 +15,8 @@ EXAMPLE_UNITS = {
     "m/s": "mm/s, m/s",
 }
 """SI unit of a channel or a velocity -> examples of allowed units for error messages."""
+MASS_UNITS = {**dict.fromkeys(("lb", "lbs", "pound", "pounds"), "lbf"), "kg": "kgf"}
+"""Unit of mass, in small letters -> the unit of force that some mean by it."""
 RAW_UNITS = frozenset(("v", "mv", "mv/v", "ma", "count", "counts", "cts", "adc", "lsb", "digit", "digits", "raw"))
 """Units, in small letters, of readings that become a channel by a calibration only."""
 
@@ -58,6 +60,9 @@ def describe_wrong_unit(unit: str, si_unit: str) -> str:
     allowed = f"allowed: {EXAMPLE_UNITS[si_unit]} and other units of that kind"
     if _GRAD.search(unit) and si_unit in ("rad", "rad/s"):
         return f"the ambiguous unit '{unit}'; did you mean '{_GRAD.sub('deg', unit)}'? A{allowed[1:]}"
+    force_unit = MASS_UNITS.get(unit.lower()) if si_unit == "N" else None
+    if force_unit:
+        return f"a unit of mass, '{unit}'; did you mean '{force_unit}'? A{allowed[1:]}"
     if _is_known(unit) and get_si_factor(unit.lower(), si_unit) is None:
         return f"a unit of the wrong kind; {allowed}"
     if get_si_factor(unit.lower(), si_unit) is None:

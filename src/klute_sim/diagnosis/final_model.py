@@ -358,7 +358,7 @@ def _decide_verdict(
     reasons = [f"{term}: {step.reason}." for step, term in steps]
     explained = {term.identity for _, term in steps}
     reasons += [
-        f"{term}: found by comparing whole models; adding one effect at a time chose others."
+        f"{term}: found by comparing complete sets of effects; adding one effect at a time chose others."
         for term in terms
         if term.identity not in explained
     ]

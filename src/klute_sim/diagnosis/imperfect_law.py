@@ -165,7 +165,7 @@ def decide_verdict(
     reasons = [
         law,
         f"{names} {'explain' if len(chosen.terms) > 1 else 'explains'} {100 * result.share:.0f} % of the squared error "
-        f"of prediction above the noise; chosen again without one {kind}: {stability}.",
+        f"of prediction above the noise; of the selections that leave out one {kind}, these choose it: {stability}.",
     ]
     if result.share >= 1.0:
         reasons.append(

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 from pydantic_core.core_schema import ErrorType
 
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, suggest
 from klute_sim.files.limits import FileKind
 from klute_sim.files.reading import decode_text, read_bytes
 from klute_sim.files.values import check_toml_structure, check_values
@@ -83,7 +83,9 @@ def _format_problem(
     key = format_location(location)
     allowed = describe_allowed(problem) if describe_allowed is not None else ""
     if problem["type"] == "extra_forbidden":
-        return f"unknown key '{key}'; allowed here: {', '.join(_find_table(model, location).model_fields)}"
+        fields = _find_table(model, location).model_fields
+        hint = suggest(str(location[-1]), fields, f"allowed here: {', '.join(fields)}")
+        return f"unknown key '{key}'; {hint}"
     if problem["type"] == "missing":
         return f"key '{key}' is missing" + (f"; allowed: {allowed}" if allowed else "")
     if problem["type"] not in _BUILTIN_ERROR_TYPES:  # a rule of the model itself, whose message is a sentence

@@ -111,7 +111,8 @@ def list_candidate_terms(
     known = {term.qualified_name for term in nameable}
     for name in (*only, *exclude):
         if "@" in name and name not in known:
-            raise InputError(f"'{name}' is no candidate for these data; {suggest(name, known, 'see verdict.json')}")
+            hint = suggest(name, known, "klute-sim effects lists all effects")
+            raise InputError(f"'{name}' is no candidate for these data; {hint}")
     for name in only:
         if not any(_is_among(term, {name}) for term in nameable):
             raise InputError(
