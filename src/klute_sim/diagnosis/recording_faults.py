@@ -178,9 +178,9 @@ def suspect_absolute_pressures(trials: Sequence[Trial], fit: Fit) -> str:
     if abs(1e5 * thresholds[0] / ATMOSPHERIC_PRESSURE - 1.0) > ATMOSPHERE_TOLERANCE:
         return ""
     return (
-        f"In these muscles, a threshold of {thresholds[0]:.3g} bar is about the pressure of the atmosphere, and no "
-        "recorded pressure is below it: the pressures may be absolute. If they are, subtract 1.013 bar from them and "
-        "diagnose again."
+        f"The threshold is {thresholds[0]:.3g} bar for the diameter of these muscles, about the pressure of "
+        "the atmosphere, and no recorded pressure is below it: the pressures may be absolute, and no effect missing. "
+        "If they are, subtract 1.013 bar from them and diagnose again."
     )
 
 

@@ -180,7 +180,7 @@ def _run_workflow(
         reasons += describe_condition_registration(data, base_fit)
     if selected.verdict == "unexplained":
         reasons += describe_condition_zeros(data, base_fit)
-    reasons += filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
+    reasons[:0] = filter(None, [suspect_absolute_pressures(dataset.trials, fit)])  # it would make all others void
     reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit)]
     reasons += describe_mounting_error(fit) if dataset.rig == "gait" else []
     reasons += describe_length_zero(dataset.trials, [fit, *(model.fit for model in selected.equivalent_models)])
