@@ -271,6 +271,7 @@ def test_verdict_needs_stable_names_that_explain_much(
     assert "each condition from the others (6 of them)" in decision.reasons[0]
 
 
+@pytest.mark.parametrize("fault", [RADIUS, GAIN])
 @pytest.mark.parametrize(
     ("rival", "circumstances", "verdict"),
     [
@@ -282,12 +283,15 @@ def test_verdict_needs_stable_names_that_explain_much(
         (None, {"has_exact_inputs": False}, "identified-in-part"),
     ],
 )
-def test_number_alone_is_not_named_in_part(
-    rival: EffectTerm | None, circumstances: dict[str, bool], verdict: str
+def test_fault_alone_is_not_named_in_part(
+    fault: EffectTerm, rival: EffectTerm | None, circumstances: dict[str, bool], verdict: str
 ) -> None:
-    """One specimen with a wrong number leaves nothing, and what is left says that something else is missing."""
+    """A wrong number leaves nothing in one specimen, and what is left says that something else is missing.
+
+    A creep of the load cell, which is in no catalogue, was called a wrong zero of the load cell.
+    """
     rivals = [make_model((rival,), [1.0] * 6)] if rival else []
-    result = make_result(make_model((RADIUS,), [1.0] * 6), rivals, 1.0, 0.9)
+    result = make_result(make_model((fault,), [1.0] * 6), rivals, 1.0, 0.9)
     assert decide_verdict(result, **circumstances).verdict == verdict
 
 

@@ -26,6 +26,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     PredictiveModel,
     PredictiveResult,
     compare_errors,
+    count_faults,
 )
 from klute_sim.diagnosis.selection.predictive_selection import (
     MIN_SHARE,
@@ -192,11 +193,12 @@ def decide_verdict(
     coincidence = describe_coincidence(chosen.terms)
     if coincidence:
         return ImperfectLawDecision(unexplained, [*reasons, coincidence])
-    leaves_only_noise = has_repeats and has_exact_inputs and has_one_specimen  # if a number is all that is wrong
-    if leaves_only_noise and all(term.number for model in (chosen, *result.rivals) for term in model.terms):
+    leaves_only_noise = has_repeats and has_exact_inputs and has_one_specimen  # if a fault is all that is wrong
+    if leaves_only_noise and all(count_faults(model) == len(model.terms) for model in (chosen, *result.rivals)):
         reasons.append(
-            "A wrong number alone would leave nothing in trials of one specimen, and this leaves a misfit. One effect "
-            "that is not in the catalogue may explain both, so the number is a proxy; measure it."
+            "A wrong number or a fault of an instrument alone would leave nothing in trials of one specimen, and this "
+            "leaves a misfit. One effect that is not in the catalogue may explain both, so it is a proxy; measure the "
+            "number, or calibrate the instrument."
         )
         return ImperfectLawDecision(unexplained, reasons)
     if result.rivals:
