@@ -13,12 +13,12 @@ from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.diagnosis.remarks import (
     describe_contradicted_numbers,
-    describe_exceeded_tolerance,
     describe_excessive_commands,
     describe_length_zero,
     describe_quantization,
     describe_refitted_numbers,
     describe_tested_candidates,
+    describe_tolerance,
     describe_undetermined_parameters,
 )
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
@@ -108,9 +108,16 @@ def test_resolution_is_compared_with_the_noise(dither: float, ratio: str) -> Non
     assert ratio in sentence
 
 
-@pytest.mark.parametrize(("tolerance_n", "is_exceeded"), [(2.0, True), (20.0, False)])
-def test_exceeded_tolerance_is_stated_with_the_misfit(tolerance_n: float, is_exceeded: bool) -> None:
-    rng, wave = np.random.default_rng(0), 8.0 * np.sin(np.linspace(0.0, 20.0, 400))
+@pytest.mark.parametrize(
+    ("amplitude", "tolerance_n", "relation"),
+    [
+        (8.0, 2.0, "(tolerance 2 N): more than the stated tolerance."),
+        (8.0, 20.0, "(tolerance 20 N): more than the noise, and within the stated tolerance."),
+        (0.0, 20.0, ""),
+    ],
+)
+def test_misfit_is_compared_with_its_tolerance(amplitude: float, tolerance_n: float, relation: str) -> None:
+    rng, wave = np.random.default_rng(0), amplitude * np.sin(np.linspace(0.0, 20.0, 400))
     rows = [wave + rng.normal(0.0, 0.5, 400) for _ in range(4)]
     trials = make_repeats(rows)
     residuals = [{"force": row} for row in rows]
@@ -118,9 +125,9 @@ def test_exceeded_tolerance_is_stated_with_the_misfit(tolerance_n: float, is_exc
     simulator = Simulator(1)
     data = WeightedData(simulator, trials, estimate_noise_from_repeats(trials, residuals))
     search = ForwardSelection(data, [], [], tolerance={"force": tolerance_n})
-    sentences = describe_exceeded_tolerance(search, fit)
-    assert bool(sentences) == is_exceeded
+    sentences = describe_tolerance(search, fit)
+    assert bool(sentences) == bool(relation)
     if sentences:
         assert "force by 5.6" in sentences[0]
-        assert "(tolerance 2 N)" in sentences[0]
+        assert sentences[0].endswith(relation)
     simulator.close()

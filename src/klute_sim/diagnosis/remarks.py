@@ -10,6 +10,7 @@ from klute_sim.device.device import Device
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.dependent_numbers import compute_mounting_error
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.noise.misfit import is_significant
 from klute_sim.diagnosis.noise.quantization import MAX_DITHER, MIN_DITHER, Quantizer
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.types import Array
@@ -149,17 +150,21 @@ def describe_undetermined_parameters(fit: Fit, intervals: Sequence[tuple[float, 
     return [f"The data hardly determine {', '.join(undetermined)}: they show the effect, not this value."]
 
 
-def describe_exceeded_tolerance(search: ForwardSelection, base_fit: Fit) -> list[str]:
-    """Return a sentence about the misfits that exceed the stated tolerance; none without any."""
+def describe_tolerance(search: ForwardSelection, base_fit: Fit) -> list[str]:
+    """Return a sentence about the misfits that exceed the stated tolerance, or about those that it hides; or none."""
+    relevant = search.find_relevant_misfits(base_fit)
+    misfits = search.compute_misfits(base_fit) if search.has_repeats else {}
+    hidden = {channel: misfit for channel, misfit in misfits.items() if is_significant(misfit)}
     parts = []
-    for channel, misfit in search.find_relevant_misfits(base_fit).items():
+    for channel, misfit in (relevant or hidden).items():
         unit, si = CHANNEL_UNITS[channel]
         tolerance = search.tolerance.get(channel, 0.0)
         if tolerance:
             parts.append(f"{channel} by {misfit.rms / si:.3g} {unit} (tolerance {tolerance / si:.3g} {unit})")
     if not parts:
         return []
-    return [f"Without effects the simulation misses {', '.join(parts)}: more than the stated tolerance."]
+    relation = "more than the stated tolerance" if relevant else "more than the noise, and within the stated tolerance"
+    return [f"Without effects the simulation misses {', '.join(parts)}: {relation}."]
 
 
 def describe_quantization(channel: str, quantizer: Quantizer) -> str:

@@ -62,13 +62,13 @@ from klute_sim.diagnosis.planning.next_experiment import propose_next_experiment
 from klute_sim.diagnosis.recording_faults import suspect_absolute_pressures
 from klute_sim.diagnosis.remarks import (
     describe_contradicted_numbers,
-    describe_exceeded_tolerance,
     describe_excessive_commands,
     describe_length_zero,
     describe_mounting_error,
     describe_quantization,
     describe_refitted_numbers,
     describe_tested_candidates,
+    describe_tolerance,
     describe_undetermined_parameters,
 )
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
@@ -184,8 +184,8 @@ def _run_workflow(
     reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit)]
     reasons += describe_mounting_error(fit) if dataset.rig == "gait" else []
     reasons += describe_length_zero(dataset.trials, [fit, *(model.fit for model in selected.equivalent_models)])
-    if dataset.tolerance and selected.verdict != "nothing-missing":
-        reasons += describe_exceeded_tolerance(search, base_fit)
+    if dataset.tolerance:
+        reasons += describe_tolerance(search, base_fit)
     if not selected.has_converged:
         reasons.append(
             "The final fit did not converge, or a restart from another point ended elsewhere; treat its values with "
