@@ -173,27 +173,33 @@ def test_names_that_explain_too_little_alone_stay_together(error: float, n_names
     assert chosen.identities == {term.identity for term in (FRICTION, GAIN)[:n_names]}
 
 
-@pytest.mark.parametrize(("remaining_obstacle", "n_names"), [("", 1), ("it is at its bound", 2)])
-def test_names_that_nothing_replaces_may_need_numbers_at_their_limits(
-    remaining_obstacle: str, n_names: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("error", "remaining_obstacle", "is_certain"),
+    [(0.5, "", True), (0.5, "it is at its bound", False), (3.0, "", False)],
+)
+def test_names_that_nothing_replaces_are_as_likely_with_numbers_at_their_limits(
+    error: float, remaining_obstacle: str, is_certain: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In a joint with an imperfect law, the inertia alone needed a friction that the wall or a ratio would change."""
     selection = object.__new__(PredictiveSelection)
     selection.data, selection.folds, selection.fold_kind = WeightedData(Simulator(1), [], {}), [[]] * 6, "condition"
-    accepted = []
 
     def find_obstacle(data: WeightedData, fit: Fit, *, accepts_numbers_at_limit: bool) -> str:
-        accepted.append(accepts_numbers_at_limit)
+        assert accepts_numbers_at_limit
         return remaining_obstacle
 
     monkeypatch.setattr(predictive_selection, "find_naming_obstacle", find_obstacle)
-    pair, single = make_model((FRICTION, GAIN), [0.2] * 6), make_model((FRICTION,), [0.5] * 6, "a number is at a limit")
-    other = make_model((FRICTION, TAPER), [0.21] * 6)
-    chosen = selection._decide(BASE, [pair, other, single, BASE]).chosen
-    assert chosen.identities == {term.identity for term in (FRICTION, GAIN)[:n_names]}
-    assert accepted == [True]
+    single = make_model((FRICTION,), [error] * 6, "a number is at its limit")
+    pair, other = make_model((FRICTION, GAIN), [0.2] * 6), make_model((FRICTION, TAPER), [0.21] * 6)
+    result = selection._decide(BASE, [pair, other, single, BASE])
+    assert result.chosen is pair
+    assert result.certain is (single if is_certain else None)
+    decision = decide_verdict(replace(result, rivals=[]))
+    assert decision.verdict == ("indistinguishable" if is_certain else "identified-in-part")
+    if is_certain:
+        assert "without sensor_gain of force, so this may stand for the error of the law. seal" in decision.reasons[-1]
     # Not where nothing replaces the other name, or everything is replaced.
-    assert len(selection._decide(BASE, [pair, single, BASE]).chosen.terms) == 2
+    assert selection._decide(BASE, [pair, single, BASE]).certain is None
     assert not list_certain_models(pair, [pair, other, make_model((GAIN,), [0.2] * 6), single, BASE])
 
 

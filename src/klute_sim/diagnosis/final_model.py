@@ -249,8 +249,10 @@ def select_imperfect_model(
         refused = _replace_names(search, base_fit, term_fit, [*decision.reasons, reason], options)
         return refused._replace(prediction=result)
     equivalent_models = [
-        EquivalentModel(rival.fit, rival.error / result.chosen.error - 1.0, "prediction error")
-        for rival in (result.rivals if decision.verdict == "indistinguishable" else ())
+        EquivalentModel(
+            model.fit, model.error / result.chosen.error - 1.0, "prediction error", model is not result.certain
+        )
+        for model in (result.alternatives if decision.verdict == "indistinguishable" else ())
     ]
     reasons = decision.reasons
     if data_driven_rival is not None and data_driven_rival.fit is not None:

@@ -206,6 +206,14 @@ def decide_verdict(
             f"{_list_rivals(result)} would predict as well: the difference is less than one standard error, or than "
             f"{100 * (MAX_RIVAL_RATIO - 1):.0f} % of the error."
         )
+    if result.certain is not None:
+        further = " and ".join(str(t) for t in chosen.terms if t.identity not in result.certain.identities)
+        reasons.append(
+            f"Other models predict as well without {further}, so this may stand for the error of the law. "
+            f"{_list_terms(result.certain)} alone is as likely, although it needs numbers at the limits of their "
+            "uncertainties."
+        )
+    if result.alternatives:
         return ImperfectLawDecision("indistinguishable", reasons)
     if not result.is_stable:
         reasons.append(f"An effect must be chosen in {100 * MIN_STABILITY:.0f} % of these selections.")

@@ -243,7 +243,7 @@ def _run_workflow(
 def _compute_interval(selected: FinalModel, fit: Fit, index: int) -> tuple[float, float]:
     """Return the 95 % interval of the parameter of ``fit`` at ``index``, by what decided for ``selected``."""
     prediction = selected.prediction
-    models = () if prediction is None else (prediction.chosen, *prediction.rivals)
+    models = () if prediction is None else (prediction.chosen, *prediction.alternatives)
     model = next((model for model in models if model.fit is fit), None)
     if model is not None:
         return compute_jackknife_intervals(model)[index]

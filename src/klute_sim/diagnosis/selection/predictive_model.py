@@ -115,6 +115,14 @@ class PredictiveResult:
     """Number of conditions, specimens or parts."""
     has_proxies: bool = False
     """Whether the terms of the chosen model stand in for what may not be named (:func:`are_proxies`)."""
+    certain: PredictiveModel | None = None
+    """Model with those names of the chosen one that no other model replaces, with numbers at their limits (None: the
+    chosen model has only such names, or they explain too little alone)."""
+
+    @property
+    def alternatives(self) -> list[PredictiveModel]:
+        """Models that are as likely as the chosen one."""
+        return [*self.rivals, *(() if self.certain is None else (self.certain,))]
 
     @property
     def is_stable(self) -> bool:

@@ -324,12 +324,6 @@ class PredictiveSelection:
         nameable = [model for model in models if not model.obstacle]
         chosen, stability = choose_stable_model(nameable, len(self.folds), noise) if nameable else (base, {})
         has_proxies = are_proxies(chosen, models)
-        # Further names take numbers away from their limits, but so would what replaces these names.
-        nameable += [
-            replace(model, obstacle="")
-            for model in list_certain_models(chosen, models)
-            if not find_naming_obstacle(self.data, model.fit, accepts_numbers_at_limit=True)
-        ]
         while not has_proxies and (reduced := list_reduced_models(chosen, nameable, models)):
             reduced_choice, reduced_stability = choose_stable_model(reduced, len(self.folds), noise)
             if compute_share(base, reduced_choice, noise) < MIN_SHARE:
@@ -343,6 +337,13 @@ class PredictiveSelection:
             and (is_as_good(model, chosen) or model.error <= MAX_RIVAL_RATIO * chosen.error)
         ]
         distinct = {model.identities: model for model in reversed(rivals)}
+        # Further names take numbers away from their limits, but so would what replaces these names.
+        certain = (
+            model
+            for model in list_certain_models(chosen, models)
+            if not find_naming_obstacle(self.data, model.fit, accepts_numbers_at_limit=True)
+            and compute_share(base, model, noise) >= MIN_SHARE
+        )
         return PredictiveResult(
             base,
             chosen,
@@ -354,6 +355,7 @@ class PredictiveSelection:
             self.fold_kind,
             len(self.folds),
             has_proxies,
+            next(certain, None),
         )
 
 
