@@ -301,7 +301,7 @@ class MeasurementPlan(SavedPlan):
                     "use": use,
                     "duration_s": float(program.time[-1]),
                     "command": f"{protocol.name}.csv",
-                    "recordings": measurement_plan.list_recording_files(protocol, self.n_repeats),
+                    "recordings": measurement_plan.list_repeat_files(protocol.name, self.n_repeats),
                 }
                 for protocol, program, use in rows
             ],

@@ -31,6 +31,7 @@ from klute_sim.diagnosis.recording_faults import (
     limit_forces_at_zero,
 )
 from klute_sim.types import Array
+from klute_sim.units import BAR
 
 MIN_TOTAL_TIME = 2.0
 """Shortest total duration of the fitted trials [s]."""
@@ -186,7 +187,7 @@ def find_blocking_problems(experiments: Sequence[Experiment], *, judges_supply: 
     pressure_range, length_range = _compute_pressure_range(experiments), _compute_length_range(experiments)
     if pressure_range < MIN_PRESSURE_RANGE and length_range is not None and length_range < MIN_LENGTH_RANGE:
         problems.append(
-            f"The device does not move: within a trial, pressure changes by {pressure_range / 1e5:.2f} bar and length "
+            f"The device does not move: within a trial, pressure changes by {pressure_range / BAR:.2f} bar and length "
             f"by {1e3 * length_range:.2f} mm. Step the pressure and move the crosshead in both directions, at several "
             "speeds."
         )
@@ -308,10 +309,9 @@ def find_limitations(experiments: Sequence[Experiment], others: Sequence[Experim
             f"The length changes by at most {1e3 * length_range:.2f} mm within a fitted trial: effects that depend on "
             f"speed are hardly visible.{_describe_moving_trials(others)}"
         )
-    has_supply = any(e.device.spec.supply is not None for e in experiments)
-    if has_supply and pressure_range < MIN_PRESSURE_RANGE:
+    if pressure_range < MIN_PRESSURE_RANGE and any(e.device.spec.supply is not None for e in experiments):
         limitations.append(
-            f"The pressure changes by at most {pressure_range / 1e5:.2f} bar within a fitted trial: effects of the "
+            f"The pressure changes by at most {pressure_range / BAR:.2f} bar within a fitted trial: effects of the "
             "supply are hardly visible."
         )
     if not has_repeats(experiments):

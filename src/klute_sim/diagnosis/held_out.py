@@ -317,36 +317,36 @@ def _compare_without_noise(diagnosis: Diagnosis) -> list[Array]:
     return [np.square(gap) / (gap[0] or gap[1]) ** 2 for gap in changed or gaps]
 
 
-def _compute_residuals(result: Diagnosis, data: WeightedData) -> tuple[WeightedData, Residuals]:
+def _compute_residuals(diagnosis: Diagnosis, data: WeightedData) -> tuple[WeightedData, Residuals]:
     """Set the residuals of each channel on the test trials, or on the fitted trials where none can be simulated.
 
     Returns these trials, and their residuals of the final fit.
     """
-    assert result.base_fit is not None
-    assert result.final_fit is not None
-    nominal, base_fit, final_fit = result.base_fit.hypothesis, result.base_fit, result.final_fit
+    assert diagnosis.base_fit is not None
+    assert diagnosis.final_fit is not None
+    nominal, base_fit, final_fit = diagnosis.base_fit.hypothesis, diagnosis.base_fit, diagnosis.final_fit
     models = {
         NOMINAL_MODEL: (nominal, nominal.initial_point()),
         BASE_MODEL: (base_fit.hypothesis, base_fit.x),
         FINAL_MODEL: (final_fit.hypothesis, final_fit.x),  # equals that before without added effects
     }
-    result.evaluated_on = "test"
-    test_data = data.with_experiments(result.evaluated_experiments)
+    diagnosis.evaluated_on = "test"
+    test_data = data.with_experiments(diagnosis.evaluated_experiments)
     by_model = {
         model: test_data.compute_residuals(hypothesis, [x], may_diverge=True)[0]
         for model, (hypothesis, x) in models.items()
     }
-    result.diverged_trials = _find_diverged_trials(test_data.experiments, by_model)
-    if not result.added_terms:
-        result.diverged_trials.pop(FINAL_MODEL, None)
-    evaluated = data.with_experiments(result.evaluated_experiments)
+    diagnosis.diverged_trials = _find_diverged_trials(test_data.experiments, by_model)
+    if not diagnosis.added_terms:
+        diagnosis.diverged_trials.pop(FINAL_MODEL, None)
+    evaluated = data.with_experiments(diagnosis.evaluated_experiments)
     names = {e.name for e in evaluated.experiments}
     residuals = [
         [row for e, row in zip(test_data.experiments, rows, strict=True) if e.name in names]
         for rows in by_model.values()
     ]
     if not evaluated.experiments:
-        result.evaluated_on, evaluated = "fit", data
+        diagnosis.evaluated_on, evaluated = "fit", data
         residuals = [evaluated.compute_residuals(hypothesis, [x])[0] for hypothesis, x in models.values()]
     noise = data.noise if data_quality.has_repeats(data.experiments) else {}
     unscaled = [replace(e, noise_scale={}) for e in evaluated.experiments]
@@ -371,7 +371,7 @@ def _compute_residuals(result: Diagnosis, data: WeightedData) -> tuple[WeightedD
             for trials in residuals
         ]
         noise_floor = noise[channel].std if channel in noise else None
-        result.channel_rms[channel] = ChannelRms(
+        diagnosis.channel_rms[channel] = ChannelRms(
             nominal=rms[0], refitted=rms[1], with_effects=rms[2], noise_floor=noise_floor
         )
     return evaluated, residuals[2]

@@ -14,6 +14,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.noise.repeats import Residuals, align_repeats, list_channels
 from klute_sim.effects.families.muscle.threshold_pressure import REFERENCE_DIAMETER
 from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
+from klute_sim.units import BAR
 
 COMMAND_TOLERANCE = 1e-4
 """Difference between pressure and command, relative to the largest command, up to which they are the same number
@@ -175,7 +176,7 @@ def suspect_absolute_pressures(trials: Sequence[Trial], fit: Fit) -> str:
     lowest = min((float(np.nanpercentile(series.value, 2.0)) for series in pressures), default=0.0)
     if not thresholds or lowest < (1.0 - ATMOSPHERE_TOLERANCE) * ATMOSPHERIC_PRESSURE:
         return ""
-    if abs(1e5 * thresholds[0] / ATMOSPHERIC_PRESSURE - 1.0) > ATMOSPHERE_TOLERANCE:
+    if abs(BAR * thresholds[0] / ATMOSPHERIC_PRESSURE - 1.0) > ATMOSPHERE_TOLERANCE:
         return ""
     return (
         f"The threshold is {thresholds[0]:.3g} bar for the diameter of these muscles, about the pressure of "

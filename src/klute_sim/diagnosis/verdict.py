@@ -41,7 +41,7 @@ def list_indistinguishable_pairs(diagnosis: Diagnosis) -> list[list[str]]:
         return []
     candidates = diagnosis.selection_history[0].candidates
     directions = np.array([candidate.direction for candidate in candidates])
-    cosines = np.abs(directions @ np.array([candidate.direction for candidate in candidates]).T)
+    cosines = np.abs(directions @ directions.T)
     names = [candidate.term.qualified_name for candidate in candidates]
     pairs = {
         tuple(sorted((names[i], names[k])))

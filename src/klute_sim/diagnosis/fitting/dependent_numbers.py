@@ -10,12 +10,16 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, SIGNED_PREFIXES
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.schema.document import DeviceSpec
 from klute_sim.device.schema.limits import find_limits
 from klute_sim.device.schema.muscle import MAX_RADIUS_MISMATCH, MIN_GAS_FRACTION
 from klute_sim.laws import mckibben
+from klute_sim.plausibility.device_numbers import limit_to_plausible
 
+MIN_NUMBER_FRACTION = 1e-3
+"""Lower limit of a positive number, as a fraction of its nominal value."""
 RELATION_MARGIN = 0.02
 """Fraction by which dependent numbers stay inside their limits, so that rounding does not cross them."""
 RADIUS, THICKNESS = "muscle.bladder_radius_mm", "muscle.bladder_thickness_mm"
@@ -97,6 +101,21 @@ def move_mounting(parameters: DeviceParameters, declared: DeviceSpec, corrected:
     change = corrected.mounting.neutral_muscle_ratio - declared.mounting.neutral_muscle_ratio
     tendon, shift = parameters.tendon, change * parameters.muscle.resting_length
     return parameters._replace(tendon=tendon._replace(slack_length=tendon.slack_length - shift))
+
+
+def limit_number(key: str, nominal_values: Mapping[str, float], half_range: float) -> tuple[float, float]:
+    """Return the bounds of a fitted number: within ``half_range`` of the nominal one, and such that a file accepts it.
+
+    ``nominal_values`` are all numbers, ``section.key`` -> value. Positive numbers stay so without a sign of their own.
+    """
+    nominal, lower = nominal_values[key], nominal_values[key] - half_range
+    if nominal > 0.0 and not key.rpartition(".")[2].startswith(SIGNED_PREFIXES):
+        lower = max(lower, MIN_NUMBER_FRACTION * nominal)
+    device_key = key.rpartition(DEVICE_SEPARATOR)[2]
+    lower, upper = limit_to_plausible(device_key, nominal, lower, nominal + half_range)
+    prefix = key.removesuffix(device_key)
+    tendon_values = {name.removeprefix(prefix): v for name, v in nominal_values.items() if name.startswith(prefix)}
+    return limit_to_valid({**nominal_values, **tendon_values}, device_key, lower, upper)
 
 
 def limit_to_valid(values: Mapping[str, float], key: str, lower: float, upper: float) -> tuple[float, float]:

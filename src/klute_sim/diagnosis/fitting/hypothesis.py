@@ -6,14 +6,14 @@ natural logarithm of its ratio to the typical value.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, SIGNED_PREFIXES, carry_error, is_model_number
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, carry_error, is_model_number
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.schema.document import DeviceSpec
@@ -28,7 +28,7 @@ from klute_sim.diagnosis.experiments.base import (
 from klute_sim.diagnosis.experiments.registration import PLATE_GAIN, REGISTRATION_PREFIX, make_registration
 from klute_sim.diagnosis.fitting.dependent_numbers import (
     complete_numbers,
-    limit_to_valid,
+    limit_number,
     move_mounting,
     replace_values,
 )
@@ -37,15 +37,12 @@ from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.parameters import Parameter
 from klute_sim.plant.mjcf.model_effects import ModelEffect
-from klute_sim.plausibility.device_numbers import limit_to_plausible
 from klute_sim.types import Array
 
 Identity = tuple[str | None, ...]
 """What a term stands for, whatever its form: effect, channel, number, tendon, part and specimen."""
 PRIOR_BOUND_SIGMAS = 3.0
 """Bounds of an uncertain device value, in standard deviations from its nominal value."""
-MIN_NUMBER_FRACTION = 1e-3
-"""Lower limit of a positive number, as a fraction of its nominal value."""
 
 
 class EffectTerm(NamedTuple):
@@ -156,7 +153,7 @@ class Hypothesis:
         parameters = []
         for key, deviation in self.uncertainties:
             nominal, half_range = nominal_values[key], PRIOR_BOUND_SIGMAS * deviation
-            lower, upper = _limit_number(key, nominal_values, half_range)
+            lower, upper = limit_number(key, nominal_values, half_range)
             parameters.append(
                 FitParameter(name=key, term_index=None, initial=nominal, scale=deviation, lower=lower, upper=upper)
             )
@@ -182,7 +179,7 @@ class Hypothesis:
         nominal_values = {**self.device.spec.collect_values(), **dict(self.mechanism_numbers)}
         nominal = nominal_values[key] = nominal_values[key] if declared is None else declared
         error = compute_plausible_error(key, nominal)
-        lower, upper = _limit_number(key, nominal_values, BOUND_SIGMAS * error)
+        lower, upper = limit_number(key, nominal_values, BOUND_SIGMAS * error)
         return FitParameter(name=key, term_index=term_index, initial=nominal, scale=error, lower=lower, upper=upper)
 
     def _make_parameter(self, parameter: EffectParameter, term_index: int, term: EffectTerm) -> FitParameter:
@@ -365,21 +362,6 @@ class Hypothesis:
     def collect_model_numbers(self, values: Sequence[float]) -> dict[str, float]:
         """Return name -> fitted number of the model of a mechanism for parameter ``values``."""
         return {name: v for name, v in self.collect_mechanism_numbers(values).items() if is_model_number(name)}
-
-
-def _limit_number(key: str, nominal_values: Mapping[str, float], half_range: float) -> tuple[float, float]:
-    """Return the bounds of a fitted number: within ``half_range`` of the nominal one, and such that a file accepts it.
-
-    ``nominal_values`` are all numbers, ``section.key`` -> value. Positive numbers stay so without a sign of their own.
-    """
-    nominal, lower = nominal_values[key], nominal_values[key] - half_range
-    if nominal > 0.0 and not key.rpartition(".")[2].startswith(SIGNED_PREFIXES):
-        lower = max(lower, MIN_NUMBER_FRACTION * nominal)
-    device_key = key.rpartition(DEVICE_SEPARATOR)[2]
-    lower, upper = limit_to_plausible(device_key, nominal, lower, nominal + half_range)
-    prefix = key.removesuffix(device_key)
-    tendon_values = {name.removeprefix(prefix): v for name, v in nominal_values.items() if name.startswith(prefix)}
-    return limit_to_valid({**nominal_values, **tendon_values}, device_key, lower, upper)
 
 
 def _select_effects(spec: DeviceSpec, kind: str) -> dict[tuple[str, str], dict[str, float]]:

@@ -81,11 +81,6 @@ def is_complete_split(uses: Sequence[Use]) -> bool:
     return "fit" in uses and ("test" in uses or len(uses) < MIN_GROUPS_FOR_TEST)
 
 
-def list_recording_files(protocol: IdentificationProtocol, n_repeats: int) -> list[str]:
-    """Return the names of the files for the repeats of ``protocol``."""
-    return list_repeat_files(protocol.name, n_repeats)
-
-
 def list_repeat_files(name: str, n_repeats: int) -> list[str]:
     """Return the names of the files for the repeats of the trial called ``name``."""
     return [f"{name}_{letter}.csv" for letter in string.ascii_lowercase[:n_repeats]]
@@ -153,12 +148,12 @@ def write_plan_files(
     for index, (protocol, program) in enumerate(zip(protocols, programs, strict=True)):
         write_trial(folder / f"{protocol.name}.csv", command_columns(device, program))
         if simulate:
-            for repeat, file in enumerate(list_recording_files(protocol, n_repeats)):
+            for repeat, file in enumerate(list_repeat_files(protocol.name, n_repeats)):
                 write_trial(folder / file, simulate_recording(device, program, (index, repeat)))
     dataset_file = format_dataset_toml(device, protocols, n_repeats, simulated=simulate)
     (folder / "device.toml").write_bytes(device.content)
     (folder / "dataset.toml").write_text(dataset_file, "utf-8")
-    files = [list_recording_files(protocol, n_repeats) for protocol in protocols]
+    files = [list_repeat_files(protocol.name, n_repeats) for protocol in protocols]
     note = f"{SIMULATED_NOTE.removeprefix('# ')}\n\n" if simulate else ""
     readme = note + format_readme(device, protocols, programs, files)
     (folder / "README.txt").write_text(readme, "utf-8")
@@ -195,7 +190,7 @@ def format_dataset_toml(
     ]
     for protocol, use in zip(protocols, assign_uses(protocols), strict=True):
         lines += ["", f"# {protocol.describe_for(device)}"]
-        for file in list_recording_files(protocol, n_repeats):
+        for file in list_repeat_files(protocol.name, n_repeats):
             lines += ["[[trial]]", f'files = ["{file}"]', f'group = "{protocol.name}"']
             lines += [f'use = "{use}"'] if use else []
     return "\n".join(lines) + "\n"

@@ -15,7 +15,7 @@ Measurements of '{device}' on a tensile tester
 {line}
 
 1. Feed each command file to the {machines}. Its columns:
-   time [s]                from 0, one row every 5 ms
+   time [s]                from 0, one row every {interval:g} ms
    length [mm]             {length}
    pressure_command [bar]  gauge pressure for the regulator
    {ranges}
@@ -105,6 +105,7 @@ def format_readme(
     title = f"Measurements of '{device.name}' on a tensile tester"
     readme = README_TEMPLATE.format(
         device=device.name,
+        interval=1e3 * SAMPLE_INTERVAL,
         line="=" * len(title),
         machines="tester and the pressure regulator" if has_supply else "tester",
         length=_describe_length(device),

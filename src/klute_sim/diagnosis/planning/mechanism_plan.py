@@ -14,11 +14,11 @@ from klute_sim.datasets.unit_conversion import get_conversion_factor
 from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import Device
 from klute_sim.diagnosis.planning.measurement_plan import (
-    DEFAULT_UNCERTAINTIES,
     PRESSURE_NOISE_BAR,
     SIMULATED_NOTE,
     is_complete_split,
     list_repeat_files,
+    list_usual_uncertainties,
 )
 from klute_sim.files.toml import format_key, format_text
 from klute_sim.mechanism.assembly import Mechanism
@@ -29,6 +29,7 @@ from klute_sim.plant.mjcf.model_export import MODEL_FILE_NAME, build_model_files
 from klute_sim.plant.mjcf.model_file import MODEL_NAMES, ModelFile
 from klute_sim.plant.mjcf.model_numbers import collect_model_numbers, set_model_numbers
 from klute_sim.types import Array
+from klute_sim.units import BAR
 
 SAMPLE_INTERVAL, TIME_STEP = 5e-3, 5e-4
 """Sampling interval of the commands, and time step of simulated recordings [s]."""
@@ -155,16 +156,8 @@ def _add_noise(channels: Mapping[str, Array], rng: np.random.Generator) -> dict[
 
 def _list_uncertainties(plan: MechanismPlan) -> dict[str, str]:
     """Return the usual uncertain numbers of devices and model, with their standard deviations."""
-    first = next(iter(plan.devices.values()))
-    values, muscle = first.spec.collect_values(), first.spec.muscle
-    is_off = {
-        "muscle.c10_kpa": not (muscle and muscle.bladder),
-        "muscle.friction_slope_n_per_bar": not (muscle and muscle.friction),
-    }
     uncertain: dict[str, str] = {}
-    for key, deviation in DEFAULT_UNCERTAINTIES.items():
-        if not values.get(key) or is_off.get(key):
-            continue
+    for key, deviation in list_usual_uncertainties(next(iter(plan.devices.values()))).items():
         owners = [f"{tendon}{DEVICE_SEPARATOR}{key}" for tendon in plan.devices]
         uncertain |= dict.fromkeys(owners if key == SLACK_LENGTH_KEY else [key], deviation)
     spec = plan.file.make_spec()
@@ -220,7 +213,7 @@ def _format_list(names: Sequence[str] | Mapping[str, Array]) -> str:
 README_TEMPLATE = """\
 {note}Measurements of the joint '{joint}' of the model '{model}' with {devices}
 
-1. Feed each command file to the pressure regulators{load}. Its rows are 5 ms apart, and commands are linear
+1. Feed each command file to the pressure regulators{load}. Its rows are {interval:g} ms apart, and commands are linear
    between them. All pressures are between {lowest:.2f} and {highest:.2f} bar.
 
 2. Record each trial {repeats} times, into the files named here. The diagnosis measures noise from the differences
@@ -251,7 +244,7 @@ def _format_readme(plan: MechanismPlan, *, simulated: bool) -> str:
     rows, lowest, highest = [], np.inf, -np.inf
     for test, trial in plan.trials:
         _, inputs = plan.make_commands(trial)
-        pressures = np.concatenate([v for name, v in inputs.items() if name.startswith("pressure")]) / 1e5
+        pressures = np.concatenate([v for name, v in inputs.items() if name.startswith("pressure")]) / BAR
         lowest, highest = min(lowest, float(pressures.min())), max(highest, float(pressures.max()))
         files = list_repeat_files(trial.name, plan.n_repeats)
         listing = ", ".join(files) if plan.n_repeats <= 3 else f"{files[0]} to {files[-1]}"
@@ -260,6 +253,7 @@ def _format_readme(plan: MechanismPlan, *, simulated: bool) -> str:
     return README_TEMPLATE.format(
         note=f"{SIMULATED_NOTE.removeprefix('# ')}\n\n" if simulated else "",
         joint=plan.joint,
+        interval=1e3 * SAMPLE_INTERVAL,
         model=plan.file.name,
         devices=" and ".join(names),
         load=", and apply its external load" if plan.has_loads else "",

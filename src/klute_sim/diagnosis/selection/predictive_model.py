@@ -31,8 +31,8 @@ MIN_FAULT_SHARE = 0.5
 contradicts what was measured or calibrated. In three recorded benchmark verdicts such a term took 0.31, 0.32 and 0.52
 beside an effect, and was wrong each time)."""
 MAX_ERROR_RATIO = 4.0
-"""Largest error of prediction, over that of another model, of a model that is as good although it predicts hardly any
-fold better (assumed: where a model of an imperfect law is better by so much, this is not chance)."""
+"""Largest squared error of prediction, over that of another model, of a model that is as good although it predicts
+hardly any fold better (assumed: where a model of an imperfect law is better by so much, this is not chance)."""
 MAX_GAIN_FRACTION = 0.1
 """Part of what such a model loses in the other folds that it may gain in some (assumed)."""
 MIN_STABILITY = 0.8
@@ -87,7 +87,7 @@ class PredictiveModel:
 
     @property
     def error(self) -> float:
-        """Mean error of prediction."""
+        """Mean squared error of prediction."""
         return float(self.errors.mean())
 
 
