@@ -34,11 +34,11 @@ from klute_sim.types import Array
 from klute_sim.units import BAR
 
 MIN_TOTAL_TIME = 2.0
-"""Shortest total duration of the fitted trials [s]."""
+"""Shortest total duration of the fitted trials [s] (assumed)."""
 MIN_PRESSURE_RANGE, MIN_LENGTH_RANGE = 0.5e5, 1e-3
-"""Smallest ranges of the inputs [Pa, m]; below both, the device does not move."""
+"""Smallest ranges of the inputs [Pa, m]; below both, the device does not move (assumed)."""
 MIN_RELATIVE_RANGE = 1e-9
-"""Smallest relative range of a working channel."""
+"""Smallest relative range of a working channel (assumed)."""
 SATURATION_COUNT_RATIO, MIN_SATURATED_SAMPLES = 5, 10
 """Samples at the highest or lowest value of a saturated channel: their ratio to those at any other value, and their
 smallest number. Coarsely digitized or vented channels repeat other values, too."""

@@ -27,7 +27,7 @@ Verdict = Literal[
     "nothing-missing", "identified", "identified-in-part", "indistinguishable", "unexplained", "insufficient-data"
 ]
 MIN_INPUT_ERROR_SCALE = 1.5
-"""Smallest factor by which unknown inputs widen the error of a sample that the report mentions."""
+"""Smallest factor by which unknown inputs widen the error of a sample that the report mentions (assumed)."""
 RecommendedDevice = Literal["with-effects", "without-effects", "as-declared"]
 HeldOut = Literal["confirmed", "not-confirmed", "not-tested"]
 

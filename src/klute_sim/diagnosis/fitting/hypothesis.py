@@ -42,7 +42,7 @@ from klute_sim.types import Array
 Identity = tuple[str | None, ...]
 """What a term stands for, whatever its form: effect, channel, number, tendon, part and specimen."""
 PRIOR_BOUND_SIGMAS = 3.0
-"""Bounds of an uncertain device value, in standard deviations from its nominal value."""
+"""Bounds of an uncertain device value, in standard deviations from its nominal value (assumed)."""
 
 
 class EffectTerm(NamedTuple):

@@ -10,7 +10,7 @@ from klute_sim.types import Array
 MAX_INTERVAL_RATIO = 1.1
 """Ratio of sampling intervals up to which they count as equal."""
 SOKAL_WINDOW = 5.0
-"""Correlation times up to which lags are summed (Sokal's window)."""
+"""Correlation times up to which lags are summed (Sokal 1997, *Functional Integration*, pages 131 to 192)."""
 
 
 class Autocorrelation(NamedTuple):

@@ -20,17 +20,17 @@ from klute_sim.laws.foot import Foot
 from klute_sim.types import Array
 
 SPEED_FACTORS = (0.75, 1.25)
-"""Speeds over that of the recorded walk."""
+"""Speeds over that of the recorded walk (assumed)."""
 CARRIED_FRACTION = 0.15
-"""Carried mass over that of the body."""
+"""Carried mass over that of the body (assumed)."""
 CLAMPING_MOMENT = 1e9
 """Friction of a clamped ankle [N.m]."""
 ADDED_MASS = 0.5
-"""Mass that is attached to the foot [kg]."""
+"""Mass that is attached to the foot [kg] (assumed)."""
 ADDED_COMPLIANCE = np.radians(0.05)
 """Compliance by which another foot is softer [rad/(N.m)]: that of 10 N.m for half a degree (assumed)."""
 STANDING_TIME = 10.0
-"""Duration of a recording while standing or sitting [s]."""
+"""Duration of a recording while standing or sitting [s] (assumed)."""
 STANDING_SHARE = 0.45
 """Share of the largest vertical load of the walk that rests on the prosthesis of a person who stands (assumed: half the
 body weight)."""
@@ -39,9 +39,9 @@ SWAY_FREQUENCY_HZ, SWAY_ANGLE = 0.4, np.radians(5.0)
 STANDING_LEVER, SWAY_LEVER = 0.045, 0.06
 """Distance from the ankle forward to the centre of pressure, and its amplitude in sway [m] (assumed)."""
 PRESSURE_STEP_TIME = 1.0
-"""Duration of a step of pressure [s]."""
+"""Duration of a step of pressure [s] (assumed)."""
 PRESSURE_LEVELS = (0.0, 1.0, 0.5, 0.0, 0.5, 1.0)
-"""Steps of pressure over the largest commanded pressure."""
+"""Steps of pressure over the largest commanded pressure (assumed)."""
 UNCHANGED_GAIT_ASSUMPTION = "the person walks as before"
 
 

@@ -41,7 +41,7 @@ RELATIVE_UNCERTAINTY = 0.1
 UNCERTAIN_PARAMETERS = tuple(DEFAULT_UNCERTAINTIES)
 """Keys of the numbers of a device that are rarely known exactly."""
 INDISTINGUISHABLE_COSINE = 0.95
-"""Cosine between signatures above which two effects are indistinguishable."""
+"""Cosine between signatures above which two effects are indistinguishable (assumed)."""
 
 
 class Signature(NamedTuple):

@@ -25,7 +25,7 @@ from klute_sim.units import BAR
 MIN_REPEATS, MAX_REPEATS = 2, 26
 """Limits of the number of repeats: noise needs two, and the files are lettered."""
 FORCE_NOISE_N, PRESSURE_NOISE_BAR = 3.0, 0.01
-"""Standard deviations of the noise of simulated recordings [N, bar]."""
+"""Standard deviations of the noise of simulated recordings [N, bar] (assumed)."""
 TIME_STEP = 2.5e-4
 """Time step of simulated recordings [s]; the sampling interval of the commands is a multiple of it."""
 DEFAULT_UNCERTAINTIES = {
@@ -37,7 +37,7 @@ DEFAULT_UNCERTAINTIES = {
     "damper.orifice_concentric_mm": "3 %",
     "damper.orifice_eccentric_mm": "3 %",
 }
-"""Usual standard deviations of the numbers of a device that are rarely known exactly."""
+"""Usual standard deviations of the numbers of a device that are rarely known exactly (assumed)."""
 SIMULATED_NOTE = "# simulated, not measured: klute-sim plan --simulate made the recordings from device.toml"
 
 

@@ -34,7 +34,7 @@ from klute_sim.units import BAR
 SAMPLE_INTERVAL, TIME_STEP = 5e-3, 5e-4
 """Sampling interval of the commands, and time step of simulated recordings [s]."""
 POSITION_NOISE = {"deg": 0.05, "mm": 0.05}
-"""Standard deviation of the noise of a simulated position, by its unit."""
+"""Standard deviation of the noise of a simulated position, by its unit (assumed)."""
 TEST_USES: Mapping[str, Use] = {
     **{"steps": "fit", "sines": "fit"},
     **{"multisine": "test", "co-contraction": "validation", "quick-release": "validation"},

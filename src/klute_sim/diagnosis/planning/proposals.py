@@ -36,14 +36,14 @@ ADDED_NOISE = {"muscle_length": MUSCLE_LENGTH_NOISE}
 N_REPEATS = 2
 """Number of repeats of the proposed experiment; they count once where they share the error of an imperfect law."""
 MIN_SEPARATION_RATIO = 2.0
-"""Separation with a change of the rig over that without, above which the change is proposed."""
+"""Separation with a change of the rig over that without, above which the change is proposed (assumed)."""
 NOT_SEPARABLE = (
     "No known protocol or change of the rig separates these models; treat them as one until another kind of "
     "measurement does."
 )
 """Sentence where no proposal is decisive."""
 SUFFICIENT_SEPARATION = 10.0 * BIC_THRESHOLD
-"""Separation without a change of the rig, from which no change is proposed."""
+"""Separation without a change of the rig, from which no change is proposed (assumed)."""
 
 
 class RigChange(NamedTuple):

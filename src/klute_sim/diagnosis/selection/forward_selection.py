@@ -33,15 +33,17 @@ from klute_sim.diagnosis.selection.validation import compute_validation_chi2, se
 from klute_sim.types import Array
 
 BIC_THRESHOLD = 6.0
-"""Difference of BIC that decides between two models."""
+"""Difference of BIC that decides between two models: strong evidence after Kass and Raftery (1995), J. Am. Stat. Assoc.
+90, 773-795."""
 MAX_EFFECTS = 3
-"""Maximum number of added effects."""
+"""Maximum number of added effects (assumed)."""
 MIN_VALIDATION_GAIN = 0.05
-"""Minimum relative fall of chi squared on validation trials, about that of an effect of a quarter of the noise."""
+"""Minimum relative fall of chi squared on validation trials (assumed: about that of an effect of a quarter of the
+noise)."""
 MAX_VALIDATION_LOSS = 0.02
-"""Maximum relative rise of chi squared in one group of validation trials."""
+"""Maximum relative rise of chi squared in one group of validation trials (assumed)."""
 NO_MISFIT_GAIN_FACTOR = 2.0
-"""Factor of the minimum validation gain where repeats show no misfit."""
+"""Factor of the minimum validation gain where repeats show no misfit (assumed)."""
 MIN_FAULT_CHI2_FALL = 12.0
 """Fall of chi squared in validation trials by which a fault of an instrument, which one channel shows, needs no such
 factor (assumed: a likelihood ratio of 400)."""
@@ -49,7 +51,7 @@ MIN_FURTHER_GAIN_FRACTION = 1e-3
 """Fall of chi squared by a further effect, over that by the effects before it, which it must exceed where repeats show
 no misfit without it (assumed: the simulation reproduces the trace of an effect to 3 %)."""
 NO_REPEATS_BIC_FACTOR = 2.0
-"""Factor of the BIC threshold where no trial has repeats and the noise is an assumption."""
+"""Factor of the BIC threshold where no trial has repeats and the noise is an assumption (assumed)."""
 REFIT_MAX_NFEV = (3, 4, 25)
 """Maximum number of function evaluations in the three rounds of fitting the shortlist."""
 START_FRACTIONS = (0.05, 0.2, 0.5, 1.0)

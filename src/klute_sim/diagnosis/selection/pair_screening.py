@@ -12,7 +12,7 @@ from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
 
 MIN_DETERMINANT = 0.05
-"""Smallest determinant of a pair's cosines; below, the two effects are one to these data."""
+"""Smallest determinant of a pair's cosines; below, the two effects are one to these data (assumed)."""
 MAX_REFITTED_PAIRS = 6
 """Largest number of pairs that are refitted."""
 PAIR_MAX_NFEV = (5,)

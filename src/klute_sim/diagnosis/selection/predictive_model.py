@@ -15,7 +15,7 @@ from klute_sim.diagnosis.noise.repeats import group_repeats
 from klute_sim.types import Array, Mask
 
 MIN_CONDITIONS, MIN_SPECIMENS = 3, 3
-"""Numbers of conditions and of specimens from which on these are left out."""
+"""Numbers of conditions and of specimens from which on these are left out (assumed)."""
 N_PARTS = 6
 """Number of parts of each trial where there are fewer conditions."""
 N_BLOCKS = 60

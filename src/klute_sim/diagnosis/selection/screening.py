@@ -27,11 +27,13 @@ needle valve that fills a thin muscle in seconds resists thirty times as much as
 MAX_SMALL_EFFECT, MIN_SMALL_PROBE = 0.5 * PROBE_FRACTION, 0.01
 """Predicted size below which an effect is probed again at this size, and the smallest size of that probe (assumed)."""
 PRIOR_DEVIATION_SIGMAS = 1.5
-"""Deviation of a device's number from its prior [standard deviations] above which effects are also probed there."""
+"""Deviation of a device's number from its prior [standard deviations], above which effects are probed there, too
+(assumed)."""
 MIN_PRIOR_GAIN_FRACTION, MAX_PRIOR_CANDIDATES = 0.5, 3
-"""Minimum fraction of the residual at the prior that an effect explains, and maximum number of such effects."""
+"""Smallest fraction of the residual at the prior that an effect explains, and largest number of such effects
+(assumed)."""
 REPROBE_ORTHOGONAL_FRACTION = 0.6
-"""Orthogonal fraction of a sensitivity below which an effect is probed again at its typical size."""
+"""Orthogonal fraction of a sensitivity below which an effect is probed again at its typical size (assumed)."""
 MIN_ORTHOGONAL_FRACTION = 1e-6
 """Orthogonal fraction of a sensitivity below which an effect counts as imitated by the fitted parameters."""
 SHORTLIST_SIZE = 8
