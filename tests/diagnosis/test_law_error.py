@@ -116,6 +116,17 @@ def test_effect_whose_size_varies_is_as_likely_as_a_further_one(variation: Array
         )
 
 
+def test_second_of_two_effects_may_vary_in_place_of_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A friction of the seal that grows with the pressure was called one of the braid, with a small one beside it."""
+    alone = make_seal_fit(3.0 * SEAL_FORCE * (PRESSURE_PA / 4e5 - 0.5))
+    monkeypatch.setattr(law_error, "refit_without_term", lambda data, fit, term: alone if term == BRAID else fit)
+    search = make_search(make_fit(BRAID, chi2=9.0), SEAL)
+    rival = find_simpler_rival(search, make_fit(chi2=100.0), make_fit(BRAID, SEAL, chi2=1.0))
+    assert rival is not None
+    assert rival.model.fit is alone
+    assert rival.sentence.startswith("If seal_friction (coulomb) varied with the pressure, this would explain braid_")
+
+
 @pytest.mark.parametrize("pressure_pa", [0.0, np.nan])
 def test_device_without_pressure_varies_with_its_length_alone(
     pressure_pa: float, monkeypatch: pytest.MonkeyPatch

@@ -17,13 +17,14 @@ from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.bounds import refine_effects
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.main_effect import MAX_FORM_EXCESS_FRACTION
+from klute_sim.diagnosis.selection.refits import refit_without_term
 from klute_sim.diagnosis.selection.robustness import EquivalentModel
 from klute_sim.types import Array
 
 MIN_VARIATION_SHARE = 0.75
 """Share of what further effects explain, from which on a variation of the effects before them explains it as well
-(assumed: with three frictions of a seal that grow with the pressure it was 0.87 to 0.94, with eight pairs and triples
-of hidden effects at most 0.15, and with frictions of both braid and seal 0.54)."""
+(assumed: with four frictions of a seal that grow with the pressure it was 0.85 to 0.94, with 14 pairs and triples of
+hidden effects at most 0.15, and with frictions of both braid and seal 0.54)."""
 
 
 class SimplerRival(NamedTuple):
@@ -38,27 +39,24 @@ class SimplerRival(NamedTuple):
 def find_simpler_rival(search: ForwardSelection, base_fit: Fit, final_fit: Fit) -> SimplerRival | None:
     """Return the simplest model with some of the effects of ``final_fit`` that is as likely; None without one.
 
-    It has the effects that were added first. Those that follow gain at most :data:`MAX_FORM_EXCESS_FRACTION` of what it
-    gains, or a variation of its effects explains :data:`MIN_VARIATION_SHARE` of what they do. ``base_fit`` has no added
-    effects. A mechanism has several pressures and lengths, so its effects are not varied.
+    It has the effects that were added first, or one of two. The others gain at most :data:`MAX_FORM_EXCESS_FRACTION` of
+    what it gains, or a variation of its effects explains :data:`MIN_VARIATION_SHARE` of what they do. ``base_fit`` has
+    no added effects. A mechanism has several pressures and lengths, so its effects are not varied.
     """
     if not search.has_repeats:
         return None
     n_base = len(base_fit.hypothesis.terms)
     names = final_fit.hypothesis.terms[n_base:]
-    for step in search.history[1:]:
-        first = step.initial_fit.hypothesis.terms[n_base:]
+    for smaller_fit in _iterate_smaller_fits(search, final_fit, n_base):
+        first = smaller_fit.hypothesis.terms[n_base:]
         with_law = [term for term in first if _has_law(term)]
-        if len(first) >= len(names):
-            break
-        if not with_law or not step.initial_fit.identities < final_fit.identities:
+        if not with_law:
             continue
-        smaller_fit = refine_effects(search.data, step.initial_fit)
         remainder = smaller_fit.chi2 - final_fit.chi2
         if remainder <= 0.0:
             continue
         first_names, law_names = _join(first), _join(with_law)
-        further_names = _join(term for term in names if term.identity not in step.initial_fit.identities)
+        further_names = _join(term for term in names if term.identity not in smaller_fit.identities)
         if remainder <= MAX_FORM_EXCESS_FRACTION * (base_fit.chi2 - smaller_fit.chi2):
             evidence = f"{further_names} would add little to {first_names}"
         elif variable := _find_variable(search.data, smaller_fit, n_base, MIN_VARIATION_SHARE * remainder):
@@ -74,6 +72,20 @@ def find_simpler_rival(search: ForwardSelection, base_fit: Fit, final_fit: Fit) 
         model = EquivalentModel(smaller_fit, smaller_fit.bic(n) - final_fit.bic(n), reaches_noise=False)
         return SimplerRival(model, sentence)
     return None
+
+
+def _iterate_smaller_fits(search: ForwardSelection, final_fit: Fit, n_base: int) -> Iterator[Fit]:
+    """Yield the fits with the first effects of ``final_fit``, and of two effects the fit with each alone."""
+    names = final_fit.hypothesis.terms[n_base:]
+    known = set()
+    for step in search.history[1:]:
+        first = step.initial_fit
+        if first.identities < final_fit.identities:
+            known.add(first.identities)
+            yield refine_effects(search.data, first)
+    for term in names if len(names) == 2 else ():
+        if final_fit.identities - {term.identity} not in known:
+            yield refit_without_term(search.data, final_fit, term)
 
 
 def _find_variable(data: WeightedData, fit: Fit, n_base: int, min_fall: float) -> str:
