@@ -13,7 +13,6 @@ from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals, decide_verdict
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, estimate_noise_from_residuals
-from klute_sim.diagnosis.selection import predictive_selection
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_infeasible_terms, find_naming_obstacle
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
@@ -21,13 +20,10 @@ from klute_sim.diagnosis.selection.predictive_model import (
     FoldPart,
     PredictiveModel,
     PredictiveResult,
-    are_proxies,
     choose_model,
     choose_stable_model,
     divide_into_folds,
     is_as_good,
-    list_certain_models,
-    list_reduced_models,
     refuse_redundant_terms,
 )
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
@@ -133,74 +129,6 @@ def test_term_that_only_moves_a_parameter_off_its_bound_is_no_name() -> None:
     needed = make_model((FRICTION, GAIN), [0.4, 0.5, 0.4, 0.5, 0.4, 0.5])
     poor = make_model((FRICTION,), [2.0, 2.1, 2.0, 2.1, 2.0, 2.1], "it is at its bound")
     assert refuse_redundant_terms(BASE, [needed, poor, BASE], 6) == [needed, poor, BASE]
-
-
-def test_names_that_refused_models_replace_stand_in_for_something_else() -> None:
-    pair = make_model((FRICTION, GAIN), [0.2] * 6)
-    other = make_model((TAPER,), [0.21] * 6, "it is at its bound")
-    assert are_proxies(pair, [pair, other, BASE])
-    # Not where one of the names is in all such models, and they predict worse or may be named (as rivals).
-    partly = make_model((FRICTION, TAPER), [0.21] * 6, "it is at its bound")
-    assert not are_proxies(pair, [pair, partly, BASE])
-    worse = make_model((TAPER,), [0.3] * 6, "it is at its bound")
-    nameable = make_model((TAPER,), [0.21] * 6)
-    assert not are_proxies(pair, [pair, worse, nameable, BASE])
-    single = make_model((FRICTION,), [0.2] * 6)
-    assert not are_proxies(single, [single, other, BASE])
-    decision = decide_verdict(replace(make_result(pair, [], 1.0, 0.9), has_proxies=True))
-    assert decision.verdict == "unexplained"
-    assert "something else is missing" in decision.reasons[-1]
-
-
-def test_name_that_another_model_replaces_is_left_out() -> None:
-    pair, single = make_model((FRICTION, GAIN), [0.2] * 6), make_model((FRICTION,), [0.5] * 6)
-    gain = make_model((GAIN,), [3.0] * 6)
-    assert list_reduced_models(pair, [pair, single, gain], [pair, single, gain, BASE]) == []
-    for obstacle in ("", "it is at its bound"):  # a refused model that predicts as well is evidence against the name
-        other = make_model((FRICTION, TAPER, TENSION), [0.21] * 6, obstacle)
-        assert list_reduced_models(pair, [pair, single, gain], [pair, other, single, gain, BASE]) == [single]
-    worse = make_model((FRICTION, TAPER), [0.23] * 6)
-    assert list_reduced_models(pair, [pair, worse, single], [pair, worse, single, BASE]) == []
-
-
-@pytest.mark.parametrize(("error", "n_names"), [(0.5, 1), (2.0, 2)])
-def test_names_that_explain_too_little_alone_stay_together(error: float, n_names: int) -> None:
-    selection = object.__new__(PredictiveSelection)
-    selection.folds, selection.fold_kind = [[]] * 6, "condition"
-    pair, single = make_model((FRICTION, GAIN), [0.2] * 6), make_model((FRICTION,), [error] * 6)
-    other = make_model((FRICTION, TAPER, TENSION), [0.21] * 6, "it is at its bound")
-    chosen = selection._decide(BASE, [pair, other, single, BASE]).chosen
-    assert chosen.identities == {term.identity for term in (FRICTION, GAIN)[:n_names]}
-
-
-@pytest.mark.parametrize(
-    ("error", "remaining_obstacle", "is_certain"),
-    [(0.5, "", True), (0.5, "it is at its bound", False), (3.0, "", False)],
-)
-def test_names_that_nothing_replaces_are_as_likely_with_numbers_at_their_limits(
-    error: float, remaining_obstacle: str, is_certain: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In a joint with an imperfect law, the inertia alone needed a friction that the wall or a ratio would change."""
-    selection = object.__new__(PredictiveSelection)
-    selection.data, selection.folds, selection.fold_kind = WeightedData(Simulator(1), [], {}), [[]] * 6, "condition"
-
-    def find_obstacle(data: WeightedData, fit: Fit, *, accepts_numbers_at_limit: bool) -> str:
-        assert accepts_numbers_at_limit
-        return remaining_obstacle
-
-    monkeypatch.setattr(predictive_selection, "find_naming_obstacle", find_obstacle)
-    single = make_model((FRICTION,), [error] * 6, "a number is at its limit")
-    pair, other = make_model((FRICTION, GAIN), [0.2] * 6), make_model((FRICTION, TAPER), [0.21] * 6)
-    result = selection._decide(BASE, [pair, other, single, BASE])
-    assert result.chosen is pair
-    assert result.certain is (single if is_certain else None)
-    decision = decide_verdict(replace(result, rivals=[]))
-    assert decision.verdict == ("indistinguishable" if is_certain else "identified-in-part")
-    if is_certain:
-        assert "without sensor_gain of force, so this may stand for the error of the law. seal" in decision.reasons[-1]
-    # Not where nothing replaces the other name, or everything is replaced.
-    assert selection._decide(BASE, [pair, single, BASE]).certain is None
-    assert not list_certain_models(pair, [pair, other, make_model((GAIN,), [0.2] * 6), single, BASE])
 
 
 def test_names_that_one_fold_decides_do_not_withhold_the_others() -> None:
