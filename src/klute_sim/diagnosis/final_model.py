@@ -16,7 +16,6 @@ from klute_sim.diagnosis.discrepancy.data_driven_rival import (
     find_rival_of_number,
 )
 from klute_sim.diagnosis.discrepancy.sparse_regression import add_data_driven_term
-from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
@@ -341,13 +340,8 @@ def _decide_verdict(
     terms = final_fit.hypothesis.terms
     if search.has_misfit(final_fit):  # an adequate model that lost a term, or restarted elsewhere
         return "unexplained", _describe_misfit(search, final_fit)
-    if not terms and not search.history:
-        limits = [
-            f"{channel} {tolerance / CHANNEL_UNITS[channel][1]:.4g} {CHANNEL_UNITS[channel][0]}"
-            for channel, tolerance in search.tolerance.items()
-        ]
-        within = ", ".join(limits)
-        return "nothing-missing", [f"The misfit is within the stated tolerance ({within})."]
+    if not terms and not search.history:  # within the tolerance, of which a remark tells
+        return "nothing-missing", []
     if not terms:
         return "nothing-missing" if search.has_repeats else "insufficient-data", [f"{search.history[-1].reason}."]
     # A term may have a simpler form than the one that was added.

@@ -151,7 +151,10 @@ def describe_undetermined_parameters(fit: Fit, intervals: Sequence[tuple[float, 
 
 
 def describe_tolerance(search: ForwardSelection, base_fit: Fit) -> list[str]:
-    """Return a sentence about the misfits that exceed the stated tolerance, or about those that it hides; or none."""
+    """Return a sentence about the misfits that exceed the stated tolerance, or about those that it hides.
+
+    Where it hides none, the sentence states the tolerance if that ended the search, and there is none otherwise.
+    """
     relevant = search.find_relevant_misfits(base_fit)
     misfits = search.compute_misfits(base_fit) if search.has_repeats else {}
     hidden = {channel: misfit for channel, misfit in misfits.items() if is_significant(misfit)}
@@ -162,7 +165,11 @@ def describe_tolerance(search: ForwardSelection, base_fit: Fit) -> list[str]:
         if tolerance:
             parts.append(f"{channel} by {misfit.rms / si:.3g} {unit} (tolerance {tolerance / si:.3g} {unit})")
     if not parts:
-        return []
+        limits = [
+            f"{channel} {tolerance / CHANNEL_UNITS[channel][1]:.3g} {CHANNEL_UNITS[channel][0]}"
+            for channel, tolerance in search.tolerance.items()
+        ]
+        return [] if search.history else [f"The misfit is within the stated tolerance ({', '.join(limits)})."]
     relation = "more than the stated tolerance" if relevant else "more than the noise, and within the stated tolerance"
     return [f"Without effects the simulation misses {', '.join(parts)}: {relation}."]
 
