@@ -22,7 +22,6 @@ from klute_sim.walker.reflexes.walker_file import load_walker
 
 pytestmark = pytest.mark.usefixtures("in_process_runner")
 DEVICE = load_device("klute-1-1-4-pair")
-SHORT: dict[str, Any] = {"seconds": 1.0, "n_jobs": 1}
 
 
 def make_plan(**changes: Any) -> WalkSweepPlan:
@@ -85,14 +84,14 @@ def test_key_depends_on_every_input_and_on_no_name() -> None:
 def test_sweep_of_walks_resumes_and_writes_its_table(tmp_path: Path) -> None:
     options: dict[str, Any] = {
         **{"machine": {"push_off_bar": [3.4, 4.4], "lean_deg": [14.0]}, "walkers": "machine-1"},
-        **{"pushes": [(0.0, 0.0), (5.0, 30.0)], "folder": tmp_path / "s"},
+        **{"pushes": [(0.0, 0.0), (5.0, 30.0)], "folder": tmp_path / "s", "seconds": 7.0, "n_jobs": 1},
     }
-    result = ks.sweep_walks(**options, **SHORT)
+    result = ks.sweep_walks(**options)
     assert (len(result.rows), result.n_failed, result.n_resumed) == (4, 0, 0)
     assert [row["push_off_pressure [bar]"] for row in result.rows] == [3.4, 3.4, 4.4, 4.4]
     assert [row["push [N*s]"] for row in result.rows] == [0.0, 5.0, 0.0, 5.0]
     assert [row["acute"] for row in result.rows] == [True, True, False, False]
-    assert ks.sweep_walks(**options, **SHORT).n_resumed == 4
+    assert ks.sweep_walks(**options).n_resumed == 4
     text = str(result)
     for phrase in ("4 conditions, 4 walks", "1 of 1", "adapted", "2 of 4 walks the person has not adapted"):
         assert phrase in text
