@@ -117,6 +117,7 @@ def test_verdict_lists_the_rivals_of_the_main_effect(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(final_model, "find_data_driven_rival", lambda *_: None)
     monkeypatch.setattr(final_model, "select_final_fit", lambda search, fit, *_: (fit, True, []))
     monkeypatch.setattr(final_model, "has_value_at_bound", lambda fit: False)
+    monkeypatch.setattr(final_model, "find_simpler_rival", lambda *_: None)
     monkeypatch.setattr(ForwardSelection, "has_misfit", lambda self, fit: False)
     selected = final_model.select_adequate_model(
         search, make_fit(chi2=BASE_CHI2), final, DiagnosisOptions(), lambda *_: None

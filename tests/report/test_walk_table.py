@@ -13,7 +13,7 @@ def make_summary(hip_rms: float, ankle_correlation: float) -> dict[str, Any]:
         "ankle": {"correlation": ankle_correlation, "rms": 5.0},
     }
     legs = {"left": {"likeness": human}, "right": {"likeness": prosthetic}}
-    absent = {"cost_bhargava_j_per_kg_m": None, "step_asymmetry": None}
+    absent = {"cost_bhargava_j_per_kg_m": None, "step_asymmetry": None, "push_n_s": 0.0}
     return {**absent, "walker": {"name": "mine"}, "is_acute": False, "prosthesis": "device", "legs": legs}
 
 
