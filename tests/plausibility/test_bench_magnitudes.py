@@ -118,3 +118,4 @@ def test_displacement_that_rests_is_not_taken_for_another_unit(tmp_path: Path) -
     with pytest.raises(InputError, match=r"trial .a.: length is .* looks like a displacement") as error:
         load_dataset(tmp_path)
     assert "is its unit" not in str(error.value)
+    assert "(and in 1 more trial)" in str(error.value)  # which is not lost

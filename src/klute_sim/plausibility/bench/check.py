@@ -13,10 +13,13 @@ from klute_sim.plausibility.bench.dropouts import check_dropouts
 from klute_sim.plausibility.bench.geometry import check_force_geometry
 from klute_sim.plausibility.bench.magnitudes import (
     LENGTH_GEOMETRY,
+    LENGTH_UNIT,
+    LENGTH_ZERO,
     check_all_commands,
     check_magnitudes,
     check_missing_value_codes,
     check_spikes,
+    is_at_rest,
 )
 from klute_sim.plausibility.bench.mistakes import Mistake, list_mistakes, list_time_units
 from klute_sim.plausibility.bench.others import TIE, confirm_calibration, confirm_mistake
@@ -45,11 +48,11 @@ def check_bench_trials(trials: Sequence[RecordedTrial], accepted: Collection[str
     absolute_places = {finding.place for finding in absolute_pressures}
     findings += absolute_pressures
     _mark_wrong_lengths(assessments)
+    _mark_resting_displacements(assessments)
     for assessment in assessments:
         if assessment.trial.place not in absolute_places:
             mistake = _find_mistake(assessment, assessments)
             findings += mistake or assessment.magnitudes or check_dropouts(assessment.trial)
-    findings = _drop_ambiguous_units(findings)
     # A wrong unit of time makes every simulation of a trial meaningless, so what else one seems to show is not told.
     if "time-unit" not in accepted:
         findings = [finding for finding in findings if finding.name == "time-unit"] or findings
@@ -62,15 +65,6 @@ def check_bench_trials(trials: Sequence[RecordedTrial], accepted: Collection[str
         ]
         findings += _check_together(trusted, accepted)
     return TrialFindings(findings, questioned_places)
-
-
-def _drop_ambiguous_units(findings: Sequence[Finding]) -> list[Finding]:
-    """Return ``findings`` without wrong units of a length where other trials show that it is a displacement.
-
-    A displacement that hardly changes may as well be a length in another unit.
-    """
-    has_displacement = any(finding.name == "length-zero" for finding in findings)
-    return [finding for finding in findings if not (has_displacement and finding.name == "length-unit")]
 
 
 def _check_together(assessments: Sequence[Assessment], accepted: Collection[str]) -> list[Finding]:
@@ -96,6 +90,28 @@ def _mark_wrong_lengths(assessments: Sequence[Assessment]) -> None:
     ]
     for assessment in assessments:
         assessment.has_wrong_range |= any(assessment.trial.shares_sources(trial, ["length"]) for trial in stretched)
+
+
+def _mark_resting_displacements(assessments: Sequence[Assessment]) -> None:
+    """Give trials at rest the finding of those with the same columns that show a displacement in place of a length.
+
+    A displacement that does not change may as well be a length in another unit.
+    """
+    displaced = [a.trial for a in assessments if any(finding.name == LENGTH_ZERO for finding in a.magnitudes)]
+    for assessment in assessments:
+        trial = assessment.trial
+        has_unit_finding = any(finding.name == LENGTH_UNIT for finding in assessment.magnitudes)
+        if not (has_unit_finding and is_at_rest(trial)):
+            continue
+        if any(trial.shares_sources(other, ["length"]) for other in displaced):
+            statement = (
+                f"length is {trial.format_channel('length')}, and in other trials of this column it looks like a "
+                "displacement from a zero of the tester; add the length of the unit at that zero"
+            )
+            assessment.magnitudes = [
+                Finding(LENGTH_ZERO, trial.place, statement) if finding.name == LENGTH_UNIT else finding
+                for finding in assessment.magnitudes
+            ]
 
 
 def _find_mistake(assessment: Assessment, assessments: Sequence[Assessment]) -> list[Finding]:

@@ -30,6 +30,10 @@ MAX_FORCE_RATIO = 30.0
 """Ratio of the force to what the device can pull beyond which no calibration explains it (assumed)."""
 MAX_DISPLACEMENT_RATIO = 0.5
 """Largest ratio of a displacement, as of a crosshead that was zeroed, to the resting length (assumed)."""
+MAX_REST_RANGE_RATIO = 1e-3
+"""Largest range of the length of a unit at rest, over its resting length (assumed)."""
+LENGTH_UNIT, LENGTH_ZERO = "length-unit", "length-zero"
+"""Findings of a length in another unit, and from another zero."""
 LENGTH_GEOMETRY = "length-geometry"
 """Finding of a length that the declared geometry does not allow."""
 MAX_STRETCH = 1.03
@@ -111,20 +115,25 @@ def _check_length(trial: RecordedTrial) -> list[Finding]:
         return [Finding("length-sign", trial.place, f"{expected}: its sign seems reversed; write positive lengths")]
     guess = _guess_length_unit(trial, "length", middle, plausible)
     if guess:
-        return [Finding("length-unit", trial.place, f"{expected}: is its unit {guess}? {UNIT_ADVICE}")]
+        return [Finding(LENGTH_UNIT, trial.place, f"{expected}: is its unit {guess}? {UNIT_ADVICE}")]
     if limits.tendon_length and limits.get_range("muscle_length").contains(middle):
         statement = f"{expected}: it looks like the length of the muscle alone; add the length of the tendon"
-        return [Finding("length-zero", trial.place, statement)]
+        return [Finding(LENGTH_ZERO, trial.place, statement)]
     is_displacement = abs(middle) < resting_length / MAX_RATIO and high - low < MAX_DISPLACEMENT_RATIO * resting_length
-    if is_displacement and high - low > 1e-3 * resting_length:
+    if is_displacement and not is_at_rest(trial):
         statement = (
             f"{expected}: it looks like a displacement from a zero of the tester; add the length of the unit at that "
             "zero"
         )
-        return [Finding("length-zero", trial.place, statement)]
+        return [Finding(LENGTH_ZERO, trial.place, statement)]
     if low > MAX_RATIO * resting_length or high < resting_length / MAX_RATIO:
-        return [Finding("length-unit", trial.place, f"{expected}: its unit or its zero is wrong")]
+        return [Finding(LENGTH_UNIT, trial.place, f"{expected}: its unit or its zero is wrong")]
     return _check_stretch(trial)
+
+
+def is_at_rest(trial: RecordedTrial) -> bool:
+    """Return whether the length hardly changes, so that its range does not tell a displacement from another unit."""
+    return bool(np.ptp(trial.get_samples("length").finite) <= MAX_REST_RANGE_RATIO * trial.limits.unit_length)
 
 
 def _check_stretch(trial: RecordedTrial) -> list[Finding]:
