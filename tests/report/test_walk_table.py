@@ -13,7 +13,7 @@ def make_summary(hip_rms: float, ankle_correlation: float) -> dict[str, Any]:
         "ankle": {"correlation": ankle_correlation, "rms": 5.0},
     }
     legs = {"left": {"likeness": human}, "right": {"likeness": prosthetic}}
-    absent = {"cost_bhargava_j_per_kg_m": None, "step_asymmetry": None, "push_n_s": 0.0}
+    absent = {"cost_bhargava_j_per_kg_m": None, "step_asymmetry": None, "push_n_s": 0.0, "has_been_pushed": False}
     return {**absent, "walker": {"name": "mine"}, "is_acute": False, "prosthesis": "device", "legs": legs}
 
 
@@ -24,3 +24,12 @@ def test_joint_angles_unlike_those_of_people_are_named() -> None:
         "ankle of the prosthetic leg (r = 0.70, 5 deg rms)."
     ) in remarks
     assert "differ from" not in " ".join(collect_remarks(make_summary(hip_rms=9.0, ankle_correlation=0.9)))
+
+
+def test_walk_that_falls_before_its_push_says_so() -> None:
+    summary = make_summary(hip_rms=5.0, ankle_correlation=0.9) | {"push_n_s": 10.0, "push_phase_pct": 40.0}
+    assert "The person falls before the push." in collect_remarks(summary)
+    pushed = "Push on the hip: +10 N·s at 40 % of the right leg's first stride after 5 s."
+    assert pushed in collect_remarks(summary | {"has_been_pushed": True})
+    for has_fallen, end in ((True, "no mean stride."), (False, "no mean stride: walk longer.")):
+        assert collect_remarks(summary | {"legs": {}, "has_fallen": has_fallen})[0].endswith(end)

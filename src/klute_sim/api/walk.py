@@ -7,6 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from klute_sim.api.gait import check_supply_pressure
 from klute_sim.api.inputs import ControllerLike, DeviceLike, ignore_progress, to_controller, to_device
 from klute_sim.api.recorded_run import RecordedRun
@@ -79,6 +81,7 @@ class WalkRun(RecordedRun):
             "walker": provenance["walker"],
             "is_acute": provenance["is_acute"],
             **{key: value for key, value in provenance["options"].items() if key != "backend"},
+            "has_been_pushed": bool(np.any(self.recording["push"])),
             **outcomes,
             "legs": legs,
         }

@@ -67,8 +67,11 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
     """Return remarks that complete or limit the results, one sentence each."""
     remarks = []
     if not summary["legs"]:
-        remarks.append("No stride is complete after the first 3 s, so there is no mean stride: walk longer.")
-    if summary["push_n_s"]:
+        advice = "" if summary["has_fallen"] else ": walk longer"
+        remarks.append(f"No stride is complete after the first 3 s, so there is no mean stride{advice}.")
+    if summary["push_n_s"] and not summary["has_been_pushed"]:
+        remarks.append("The person falls before the push.")
+    elif summary["push_n_s"]:
         remarks.append(
             f"Push on the hip: {summary['push_n_s']:+g} N·s at {summary['push_phase_pct']:g} % of the right leg's "
             "first stride after 5 s."

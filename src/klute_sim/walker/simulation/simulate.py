@@ -29,8 +29,8 @@ MAX_SAMPLES = 200_000
 KIND = "predicted (planar reflex model)"
 """What a walk is, beside the tracked gait of the gait rig."""
 
-LONGEST_STRIDE = 2.0
-"""Duration of a slow stride [s] (assumed), within which a push begins."""
+MAX_STRIDE_DURATION = 2.0
+"""Longest duration of a stride [s] (assumed): a push begins within one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,10 +53,10 @@ class WalkOptions:
         limit = MAX_SAMPLES * self.dt
         if not 1.0 <= self.seconds <= limit:
             raise InputError(f"duration is {self.seconds:g}; allowed: 1 to {limit:g} s with this time step")
-        if self.push is not None and self.seconds < self.push.after + LONGEST_STRIDE:
+        if self.push is not None and self.seconds < self.push.after + MAX_STRIDE_DURATION:
             raise InputError(
                 f"duration is {self.seconds:g}; a push in the first stride after {self.push.after:g} s needs "
-                f"{self.push.after + LONGEST_STRIDE:g} s or more"
+                f"{self.push.after + MAX_STRIDE_DURATION:g} s or more"
             )
 
 
