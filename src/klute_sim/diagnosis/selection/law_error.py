@@ -53,7 +53,7 @@ def find_simpler_rival(search: ForwardSelection, base_fit: Fit, final_fit: Fit) 
         if not with_law:
             continue
         remainder = smaller_fit.chi2 - final_fit.chi2
-        if remainder <= 0.0:
+        if not 0.0 < remainder < np.inf:
             continue
         first_names, law_names = _join(first), _join(with_law)
         further_names = _join(term for term in names if term.identity not in smaller_fit.identities)
