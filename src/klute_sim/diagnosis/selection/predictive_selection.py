@@ -22,7 +22,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from klute_sim.diagnosis.experiments.base import Experiment
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis, Identity
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, complete_fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
@@ -47,7 +47,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     refuse_redundant_terms,
 )
 from klute_sim.diagnosis.selection.robustness import check_convergence
-from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
+from klute_sim.diagnosis.selection.screening import Candidate, predict_gains, screen_candidates, select_best_causes
 from klute_sim.types import Array, Mask
 
 MAX_SINGLES, MAX_PAIRS, MAX_TRIPLES = 6, 6, 4
@@ -63,6 +63,8 @@ N_SECOND_TERMS = 2
 """Number of second terms of each of them."""
 N_EXTENDED_PAIRS = 2
 """Number of pairs that are extended by a third term."""
+MAX_SCREENED_CAUSES = 12
+"""Number of causes that are screened beside a model: those that promise most by their effect without it (assumed)."""
 MIN_SHARE = 0.6
 """Share of the explainable error of prediction that names must take (assumed: a proxy for an effect outside the
 catalogue takes less, named effects of measured muscles and seals take 0.78 to 1)."""
@@ -111,7 +113,7 @@ class PredictiveSelection:
         base = self._assess_base(base_fit)
         candidates = screen_candidates(self.data, base_fit, self.candidate_terms)
         singles = {
-            fit.hypothesis.terms[-1]: fit for fit in self._refit(base_fit, _select_best(candidates, MAX_SINGLES))
+            fit.hypothesis.terms[-1]: fit for fit in self._refit(base_fit, select_best_causes(candidates, MAX_SINGLES))
         }
         fits: dict[frozenset[EffectTerm], Fit] = {frozenset([term]): fit for term, fit in singles.items()}
         for first, second, _ in screen_pairs(base_fit, candidates)[:MAX_PAIRS]:
@@ -120,10 +122,10 @@ class PredictiveSelection:
             self._extend(singles[first.term], [second.term], fits)
         # Where an effect is far from linear, its pairs are predicted only after it has been fitted.
         for single in sorted(singles.values(), key=lambda fit: fit.chi2)[:N_EXTENDED_SINGLES]:
-            self._extend_best(single, N_SECOND_TERMS, fits)
+            self._extend_best(single, candidates, N_SECOND_TERMS, fits)
         pairs = sorted((fit for terms, fit in fits.items() if len(terms) == 2), key=lambda fit: fit.chi2)
         for pair in pairs[:N_EXTENDED_PAIRS]:
-            self._extend_best(pair, MAX_TRIPLES // N_EXTENDED_PAIRS, fits)
+            self._extend_best(pair, candidates, MAX_TRIPLES // N_EXTENDED_PAIRS, fits)
         for terms in known_models:
             self._add_known(base_fit, terms, fits)
         self.report_stage("predicting conditions that are left out")
@@ -172,11 +174,19 @@ class PredictiveSelection:
         for candidate in screen_candidates(self.data, current, new) if new else ():
             fits[known | {candidate.term}] = self._refit(current, [candidate])[0]
 
-    def _extend_best(self, current: Fit, count: int, fits: dict[frozenset[EffectTerm], Fit]) -> None:
-        """Add to ``fits`` the refits of ``current`` with each of the ``count`` terms that promise most beside it."""
+    def _extend_best(
+        self, current: Fit, candidates: Sequence[Candidate], count: int, fits: dict[frozenset[EffectTerm], Fit]
+    ) -> None:
+        """Add to ``fits`` the refits of ``current`` with each of the ``count`` terms that promise most beside it.
+
+        ``candidates`` are those without added effects. They tell which causes are screened beside ``current``.
+        """
         used = current.hypothesis.terms
-        unused = [term for term in self.candidate_terms if not any(is_same_cause(term, other) for other in used)]
-        best = _select_best(screen_candidates(self.data, current, unused), count)
+        unused = [c for c in candidates if not any(is_same_cause(c.term, other) for other in used)]
+        promising = select_best_causes(predict_gains(current, unused), MAX_SCREENED_CAUSES)
+        causes = {candidate.term.identity for candidate in promising}
+        terms = [candidate.term for candidate in unused if candidate.term.identity in causes]
+        best = select_best_causes(screen_candidates(self.data, current, terms), count)
         self._extend(current, [candidate.term for candidate in best], fits)
 
     def _add_known(self, base_fit: Fit, terms: Sequence[EffectTerm], fits: dict[frozenset[EffectTerm], Fit]) -> None:
@@ -384,12 +394,3 @@ def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], r
 
 def _count_samples(experiment: Experiment) -> int:
     return sum(len(series.time) for series in experiment.measured.values())
-
-
-def _select_best(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
-    """Return the best form of each of the ``count`` best causes."""
-    best: dict[Identity, Candidate] = {}
-    for candidate in candidates:
-        if candidate.predicted_gain > 0.0:
-            best.setdefault(candidate.term.identity, candidate)
-    return list(best.values())[:count]

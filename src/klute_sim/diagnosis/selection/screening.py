@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.diagnosis.data_quality import is_supply_only
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis, Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit, linearize
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.types import Array, Mask
@@ -119,6 +119,33 @@ def screen_candidates(
         if candidate.term not in best or candidate.predicted_gain > best[candidate.term].predicted_gain:
             best[candidate.term] = candidate
     return sorted(best.values(), key=lambda candidate: -candidate.predicted_gain)
+
+
+def predict_gains(current: Fit, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return ``candidates`` of another fit with their predicted gain and size beside ``current``, largest gain first.
+
+    Nothing is simulated: the sensitivities are those to the effects alone. Candidates of causes that ``current`` has
+    must not be among them.
+    """
+    point = _LinearizationPoint(
+        current.x, current.weighted_residuals, current.jacobian, find_blocked_directions(current)
+    )
+    predicted = []
+    for candidate in candidates:
+        lower, upper = (bound[len(current.x)] for bound in current.hypothesis.with_term(candidate.term).bounds())
+        projection = point.project(candidate.sensitivity, float(lower), float(upper))
+        gain = point.remaining_chi2 - projection.remaining_chi2
+        predicted.append(candidate._replace(predicted_gain=gain, size=projection.size))
+    return sorted(predicted, key=lambda candidate: -candidate.predicted_gain)
+
+
+def select_best_causes(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+    """Return the best form of each of the ``count`` best causes."""
+    best: dict[Identity, Candidate] = {}
+    for candidate in candidates:
+        if candidate.predicted_gain > 0.0:
+            best.setdefault(candidate.term.identity, candidate)
+    return list(best.values())[:count]
 
 
 def select_shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
