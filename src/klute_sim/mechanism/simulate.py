@@ -23,6 +23,7 @@ from klute_sim.device.dynamics import (
 from klute_sim.device.rollout import MAX_TIME_STEP
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError, SimulationError, suggest
+from klute_sim.laws import pneumatic_step
 from klute_sim.laws.pneumatics import SupplyParameters
 from klute_sim.mechanism import drives
 from klute_sim.mechanism.assembly import Binding, Mechanism
@@ -267,7 +268,7 @@ def _schedule_controls(
         values, quantity = np.asarray(inputs[name], dtype=np.float64), binding.channel.quantity
         if quantity in ("pressure", "pressure_command"):
             actuator = actuators[binding.name]
-            control, delayed = actuator.ctrl_address, _delay(values, get_dead_time(actuator.parameters) / dt)
+            control, delayed = actuator.ctrl_address, _delay_command(values, actuator.parameters, dt)
             is_opening = actuator.parameters.supply.command_is_opening != 0.0
             schedule.controls[:, control] = delayed if is_opening else delayed / BAR
             schedule.resting_controls[control] = schedule.controls[0, control]
@@ -332,12 +333,31 @@ def _place_joints(model: mujoco.MjModel, data: mujoco.MjData, positions: Mapping
         data.qpos[joint.qposadr[0]] = np.clip(value, low, high)
 
 
-def _delay(values: Array, delay_steps: float) -> Array:
-    """Return ``values`` later by ``delay_steps``, as :class:`klute_sim.device.delay.DelayLine` does."""
+def _delay_command(values: Array, parameters: DeviceParameters, dt: float) -> Array:
+    """Return the command ``values`` later by the dead time, as :class:`klute_sim.device.delay.DelayLine` does.
+
+    A supply that only limits the rate of the pressure limits that of the command first, which gives the same pressure:
+    a command changes at the start of a step, a delayed one does not, and its limited pressure would change too early.
+    """
+    delay_steps = get_dead_time(parameters) / dt
     if delay_steps == 0.0:
         return values
+    supply_effects = catalogue.select_effects(
+        parameters.effects, lambda slot: not SUPPLY_HOOKS.isdisjoint(slot.form.laws)
+    )
+    if pneumatic_step.is_ideal(parameters.supply) and not any(supply_effects):
+        values = _limit_rate(values, parameters.supply.max_pressure_rate * dt)
     index = np.arange(len(values), dtype=np.float64)
     return np.interp(index - delay_steps, index, values)
+
+
+def _limit_rate(values: Array, max_change: float) -> Array:
+    """Return ``values`` followed from their first one on by at most ``max_change`` per sample."""
+    limited, current = np.empty(len(values)), float(values[0])
+    for index, target in enumerate(values.tolist()):
+        current = min(max(target, current - max_change), current + max_change)
+        limited[index] = current
+    return limited
 
 
 def _run_compiled(model: mujoco.MjModel, data: mujoco.MjData, controls: Array) -> tuple[dict[str, Array], bool]:
