@@ -61,7 +61,7 @@ def test_jacobian_is_the_derivative_of_the_residuals(fitted_data: tuple) -> None
         is_close = np.abs(difference) < 0.02 * np.abs(result.jacobian).max()
         assert np.count_nonzero(~is_close) <= 2  # one sample of both repeats
         error = np.linalg.norm(coarse.jacobian[:, k] - result.jacobian[:, k])
-        assert 0.0 < error < 0.25 * np.linalg.norm(result.jacobian[:, k])
+        assert 0.0 < error < 0.4 * np.linalg.norm(result.jacobian[:, k])
 
 
 def test_final_fit_ends_at_the_minimum_of_normal_simulations(fitted_data: tuple) -> None:

@@ -115,6 +115,37 @@ def test_joint_that_is_held_and_released_starts_where_it_is_stated(tmp_path: Pat
     assert np.abs(angles[True] - 40.0).max() > 5.0
 
 
+def change_command(experiment: MechanismExperiment, dt: float) -> MechanismExperiment:
+    """Return ``experiment`` with steps of the flexor's command between samples, and with the time step ``dt`` [s]."""
+    time = dt * np.arange(1, round(experiment.duration / dt) + 1)
+    samples = joint.INTERVAL * np.arange(200)
+    command = np.interp(time, samples, np.where(np.sin(9.0 * samples - 4.0) > 0.0, 3e5, 1.5e5))
+    inputs = {"pressure_command_flexor": command, "pressure_command_extensor": np.full(len(time), 2e5)}
+    return replace(experiment, dt=dt, inputs=inputs, command=command, other_inputs=(), unit_length=None)
+
+
+@pytest.mark.parametrize("delay_ms", [0.0, 2.3, 13.7])
+def test_command_of_a_joint_acts_from_its_sample_and_its_delay_on(delay_ms: float, tmp_path: Path) -> None:
+    (experiment,), hypothesis = prepare(tmp_path, measured=("angle_joint", "pressure_flexor"), **SHORT)
+    assert isinstance(experiment, MechanismExperiment)
+    delayed = hypothesis.with_term(EffectTerm("pressure_delay", "dead_time", tendon="flexor"))
+    (setup,) = delayed.build_setups(np.array([delayed.parameters[0].normalize(delay_ms * 1e-3)]), [experiment])
+    assert experiment.select_variant(setup) is experiment.coarse_variant
+    response = simulate_extrapolated(setup, change_command(experiment, experiment.dt))
+    reference = change_command(experiment, 2.5e-5).simulate(setup)
+    for name, noise in (("angle_joint", np.radians(joint.NOISE["angle_joint"])), ("pressure_flexor", 1000.0)):
+        exact = np.interp(response.time, reference.time, reference.read_channel(name))
+        error = (response.read_channel(name) - exact)[:-10]
+        assert np.sqrt(np.mean(error**2)) < 0.5 * noise, name
+
+
+def test_metered_flow_of_a_joint_has_shorter_steps(tmp_path: Path) -> None:
+    (experiment,), hypothesis = prepare(tmp_path, **SHORT)
+    valve = hypothesis.with_term(EffectTerm("choked_valve", "symmetric", tendon="extensor"))
+    (setup,) = valve.build_setups(np.ones(len(valve.parameters)), [experiment])
+    assert experiment.select_variant(setup) is experiment
+
+
 def test_channels_of_a_mechanism_have_units() -> None:
     assert CHANNEL_UNITS["angle_joint"] == ("deg", pytest.approx(np.pi / 180.0))
     assert CHANNEL_UNITS["pressure_flexor"] == ("bar", 1e5)

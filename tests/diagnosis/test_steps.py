@@ -5,13 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.device.device import load_device
 from klute_sim.device.dynamics import DeviceParameters
-from klute_sim.diagnosis.experiments.base import SimulationSetup, choose_time_step
+from klute_sim.diagnosis.experiments.base import SimulationSetup
 from klute_sim.diagnosis.experiments.bench import BenchExperiment, prepare_bench_trial
 from klute_sim.diagnosis.experiments.simulator import Simulator, simulate_extrapolated
+from klute_sim.diagnosis.experiments.time_step import choose_time_step
 from klute_sim.effects import catalogue
 
 DEVICE = load_device("klute-3-4-pair")
@@ -27,20 +30,42 @@ def make_experiment(dt: float) -> BenchExperiment:
     return BenchExperiment("a", "a", "fit", DEVICE, 0.0, dt, command, measured, unit_length=length)
 
 
-@pytest.mark.parametrize("interval", [5e-5, 2e-4, 1e-3])
-def test_fast_logs_have_the_smallest_time_step(interval: float) -> None:
-    assert choose_time_step(interval, 5e-4, 5e-3) == pytest.approx(5e-4)
+@pytest.mark.parametrize(("interval", "step"), [(5e-5, 2.5e-4), (2e-4, 2.5e-4), (1e-3, 5e-4)])
+def test_fast_logs_have_short_time_steps(interval: float, step: float) -> None:
+    assert choose_time_step(interval, 5e-4, 5e-3) == pytest.approx(step)
     time = interval * np.arange(400)
     inputs = {"length": TimeSeries(time, np.full(400, 0.34)), "pressure_command": TimeSeries(time, np.full(400, 2e5))}
     trial = Trial(name="a", group="a", use="fit", device=DEVICE, files=(Path("a.csv"),), prescribed=inputs, measured={})
     experiment = prepare_bench_trial(trial, "fit")
-    assert experiment.dt == pytest.approx(5e-4)
+    assert experiment.dt == pytest.approx(step)
     assert experiment.duration == pytest.approx(399 * interval, abs=5e-4)
 
 
-@pytest.mark.parametrize(("interval", "step"), [(6e-4, 6e-4), (7e-3, 7e-4), (0.01, 1e-3), (0.5, 5e-3)])
-def test_time_step_divides_the_sampling_interval(interval: float, step: float) -> None:
-    assert choose_time_step(interval, 5e-4, 5e-3) == pytest.approx(step)
+@given(st.floats(5e-4, 0.1), st.sampled_from([(6, 2), (12, 4)]))
+def test_sampling_interval_is_a_whole_number_of_merged_steps(interval: float, steps: tuple[int, int]) -> None:
+    step = choose_time_step(interval, 5e-4, 5e-3, *steps)
+    assert min(2.5e-4, interval / steps[0]) <= step <= 5e-3 * (1.0 + 1e-6)
+    if step > 2.5e-4 * (1.0 + 1e-6):
+        assert interval / (steps[1] * step) == pytest.approx(round(interval / (steps[1] * step)))
+
+
+@pytest.mark.parametrize("interval", [5e-4, 8e-4, 1e-3, 1.5e-3, 2.5e-3, 1.0 / 300.0, 1.0 / 220.0, 5e-3])
+def test_pressure_is_right_at_any_sampling_rate(interval: float) -> None:
+    """A command that changes between two samples begins to act at the first of them."""
+    time = interval * np.arange(int(2.0 / interval))
+    command = np.where(np.sin(19.0 * time - 4.0) > 0.0, 4e5, 1e5)
+    inputs = {"length": TimeSeries(time, np.full(len(time), 0.34)), "pressure_command": TimeSeries(time, command)}
+    measured = {"pressure": TimeSeries(SAMPLES, SAMPLES)}
+    trial = Trial(
+        name="a", group="a", use="fit", device=DEVICE, files=(Path("a.csv"),), prescribed=inputs, measured=measured
+    )
+    experiment = prepare_bench_trial(trial, "fit")
+    fine_time = 1e-5 * np.arange(1, round(time[-1] / 1e-5))
+    fine = replace(experiment, dt=1e-5, command=np.interp(fine_time, time, command), unit_length=0.34 + 0.0 * fine_time)
+    setup = SimulationSetup(make_parameters())
+    responses = (simulate_extrapolated(setup, experiment), fine.simulate(setup))
+    pressures = [np.interp(SAMPLES[:-10], r.time, r.pressure) for r in responses]
+    assert np.sqrt(np.mean((pressures[0] - pressures[1]) ** 2)) < 150.0  # Pa; a gauge has a noise of 1000 Pa
 
 
 def make_parameters(true_effects: dict[tuple[str, str], dict[str, float]] | None = None) -> DeviceParameters:

@@ -128,6 +128,11 @@ def assume_steady_supply(supply: SupplyParameters) -> SupplyParameters:
     )
 
 
+def has_metered_flow(supply: SupplyParameters) -> bool:
+    """Return whether a valve or a tank meters the flow of air into the muscle."""
+    return supply.fill_conductance > 0.0 or supply.tank_volume > 0.0
+
+
 def has_regulator_upstream(supply: SupplyParameters) -> bool:
     """Return whether a regulator feeds the muscle through a fixed restriction."""
     return supply.fill_conductance > 0.0 and supply.regulator_is_upstream != 0.0 and supply.command_is_opening == 0.0

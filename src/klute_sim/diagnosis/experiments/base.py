@@ -30,11 +30,6 @@ WARM_UP_FRACTION, MAX_WARM_UP_TIME = 0.1, 0.5
 the trial is unknown; the first movements erase it."""
 MIN_SERIES_SAMPLES = 2
 """Smallest number of samples of a channel that is compared: fewer have no sampling interval."""
-STEPS_PER_SAMPLE = 10
-"""Time steps per sample of the prescribed channels, within the limits of the time step."""
-COARSE_STEP_FACTOR = 2
-"""Time steps that a coarse simulation merges into one. Its derivatives are accurate to within a fifth, and its error
-relative to the normal time step is subtracted."""
 PRESSURE_PERTURBATION = 2e3
 """Change of the commanded pressure [Pa] that measures the sensitivity to pressure noise."""
 
@@ -245,6 +240,10 @@ class Experiment(ABC):
     def coarse_variant(self) -> "Experiment":
         """The same trial with fewer, longer time steps; the trial itself where its time step is long already."""
 
+    def select_variant(self, setup: SimulationSetup) -> "Experiment":
+        """Return the same trial with the time step that the devices of ``setup`` require."""
+        return self
+
     def is_extrapolated(self, setup: SimulationSetup) -> bool:
         """Return whether the response to ``setup`` is extrapolated to a vanishing time step."""
         return self.coarse_variant is not self
@@ -335,15 +334,6 @@ class Experiment(ABC):
         """Return the moving average of ``values`` (one per time step) over a twentieth of a second."""
         width = max(1, round(0.05 * len(values) / self.duration))
         return np.convolve(values, np.ones(width) / width, mode="same")
-
-
-def choose_time_step(sampling_interval: float, min_step: float, max_step: float) -> float:
-    """Return the time step [s] between its limits [s]: a whole fraction of ``sampling_interval`` [s], or the smallest.
-
-    It is about a :data:`STEPS_PER_SAMPLE`-th of the interval where that lies between the limits.
-    """
-    step = min(max(sampling_interval / STEPS_PER_SAMPLE, min_step), max_step)
-    return max(min_step, sampling_interval / max(1, round(sampling_interval / step)))
 
 
 def select_samples(

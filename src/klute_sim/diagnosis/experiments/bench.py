@@ -10,7 +10,7 @@ import numpy as np
 from klute_sim.datasets.trial import TimeSeries, Trial, Use
 from klute_sim.device.dynamics import (
     DEAD_TIME_INDEX,
-    N_INTERNAL_STATES,
+    ZERO_INTERNAL_STATE,
     DeviceParameters,
     apply_supply_effects,
     get_dead_time,
@@ -18,13 +18,11 @@ from klute_sim.device.dynamics import (
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.experiments.base import (
-    COARSE_STEP_FACTOR,
     PRESSURE_PERTURBATION,
     DeviceResponse,
     Experiment,
     PrescribedInput,
     SimulationSetup,
-    choose_time_step,
     select_samples,
 )
 from klute_sim.diagnosis.experiments.denoise import denoise
@@ -36,6 +34,8 @@ from klute_sim.diagnosis.experiments.interpolation import (
     list_other_lengths,
 )
 from klute_sim.diagnosis.experiments.registration import Registration
+from klute_sim.diagnosis.experiments.time_step import COARSE_STEP_FACTOR, choose_time_step
+from klute_sim.laws.pneumatics import has_metered_flow
 from klute_sim.types import Array
 
 MIN_TIME_STEP, MAX_TIME_STEP = 5e-4, 5e-3
@@ -99,8 +99,8 @@ class BenchExperiment(Experiment):
 
     def _count_substeps(self, parameters: DeviceParameters) -> int:
         """Return into how many steps each time step is divided for the device."""
-        supply = apply_supply_effects(parameters, (0.0,) * N_INTERNAL_STATES)
-        return self.supply_substeps if supply.fill_conductance > 0.0 or supply.tank_volume > 0.0 else 1
+        supply = apply_supply_effects(parameters, ZERO_INTERNAL_STATE)
+        return self.supply_substeps if has_metered_flow(supply) else 1
 
     @property
     def input_variants(self) -> tuple[tuple[Experiment, ...], ...]:

@@ -9,7 +9,6 @@ import numpy as np
 from klute_sim.datasets.trial import TimeSeries, Trial, Use
 from klute_sim.device.schema import effects
 from klute_sim.diagnosis.experiments.base import (
-    COARSE_STEP_FACTOR,
     MIN_SERIES_SAMPLES,
     PRESSURE_PERTURBATION,
     DeviceResponse,
@@ -27,6 +26,7 @@ from klute_sim.diagnosis.experiments.registration import (
     Registration,
     delay_inputs,
 )
+from klute_sim.diagnosis.experiments.time_step import COARSE_STEP_FACTOR
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.gait.contacts import find_contacts

@@ -10,16 +10,15 @@ from scipy.interpolate import CubicSpline
 from klute_sim.datasets.mechanism import DatasetMechanism, carry_error
 from klute_sim.datasets.mechanism_channels import parse_channel
 from klute_sim.datasets.trial import TimeSeries, Trial, Use
+from klute_sim.device.dynamics import ZERO_INTERNAL_STATE, apply_supply_effects
 from klute_sim.diagnosis.experiments.base import (
     CHANNEL_UNITS,
-    COARSE_STEP_FACTOR,
     PRESSURE_PERTURBATION,
     DeviceResponse,
     Experiment,
     NumberChange,
     PrescribedInput,
     SimulationSetup,
-    choose_time_step,
     select_samples,
 )
 from klute_sim.diagnosis.experiments.bench import (
@@ -38,14 +37,19 @@ from klute_sim.diagnosis.experiments.initial_motion import (
 )
 from klute_sim.diagnosis.experiments.interpolation import apply_zero_order_hold, denoise_command, list_other_commands
 from klute_sim.diagnosis.experiments.registration import Registration
+from klute_sim.diagnosis.experiments.time_step import COARSE_STEP_FACTOR, STEPS_PER_SAMPLE, choose_time_step
 from klute_sim.errors import InputError
+from klute_sim.laws.pneumatics import has_metered_flow
 from klute_sim.mechanism.assembly import Binding, Mechanism, compute_unit_lengths
 from klute_sim.mechanism.simulate import simulate_mechanism
 from klute_sim.plant.mjcf.model_effects import JOINT_TYPES, list_parts
 from klute_sim.types import Array
 
-MIN_TIME_STEP, MAX_TIME_STEP = 5e-4, 2e-3
-"""Limits of the time step [s] (assumed: a stiff tendon on a light lever needs the longest of these)."""
+MIN_TIME_STEP, MAX_TIME_STEP = 2.5e-4, 1e-3
+"""Limits of the time step [s] with a flow that is metered; others are twice as long (assumed: a stiff tendon on a light
+lever needs the longest of these)."""
+METERED_STEPS_PER_SAMPLE = COARSE_STEP_FACTOR * STEPS_PER_SAMPLE
+"""Time steps per sample of the prescribed channels with a flow that is metered: it starts and stops within a step."""
 POSITION_PERTURBATION = 1e-3
 """Change of a driven joint [rad or m] that measures the sensitivity to noise of its motion."""
 KINEMATIC_RATE = 100.0
@@ -93,6 +97,12 @@ class MechanismExperiment(Experiment):
             other_inputs=(),
             zero_order_hold_commands={},
         )
+
+    def select_variant(self, setup: SimulationSetup) -> Experiment:
+        """Return the trial with steps of twice the length, unless a valve or a tank meters the flow into a device."""
+        parameters = setup.devices or tuple(device.parameters for device in self.devices.values())
+        supplies = (apply_supply_effects(device, ZERO_INTERNAL_STATE) for device in parameters)
+        return self if any(map(has_metered_flow, supplies)) else self.coarse_variant
 
     @property
     def zero_order_hold_variant(self) -> Experiment | None:
@@ -225,7 +235,7 @@ class MechanismExperiment(Experiment):
         return (
             change(PRESSURE_QUANTITIES, lambda values: values + PRESSURE_PERTURBATION),
             change(MOTION_QUANTITIES, lambda values: values + POSITION_PERTURBATION),
-            change(PRESSURE_QUANTITIES, delay),
+            change(PRESSURE_QUANTITIES, lambda values: delay(delay(values))),  # the usual steps are twice as long
         )
 
     def compute_covariates(self) -> dict[str, Array]:
@@ -256,7 +266,9 @@ def prepare_mechanism_trial(declared: DatasetMechanism, trial: Trial, use: Use) 
     start_time = max(s.time[0] for s in series.values())
     end_time = min(s.time[-1] for s in series.values())
     interval = min(s.sampling_interval for s in series.values())
-    dt = choose_time_step(interval, MIN_TIME_STEP, MAX_TIME_STEP)
+    dt = choose_time_step(
+        interval, MIN_TIME_STEP, MAX_TIME_STEP, METERED_STEPS_PER_SAMPLE, merged_steps=COARSE_STEP_FACTOR**2
+    )
     time = start_time + dt * np.arange(1, int((end_time - start_time) / dt + 1e-6) + 1)
     inputs = {name: _interpolate(name, samples, time) for name, samples in series.items()}
     other_inputs = tuple(

@@ -7,12 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from klute_sim.diagnosis.experiments.base import (
-    COARSE_STEP_FACTOR,
     DeviceResponse,
     Experiment,
     SimulationSetup,
     censor_reading,
 )
+from klute_sim.diagnosis.experiments.time_step import COARSE_STEP_FACTOR
 from klute_sim.effects.catalogue import find_form
 from klute_sim.errors import SimulationError
 from klute_sim.types import Array
@@ -63,10 +63,11 @@ def simulate_extrapolated(
 
     ``simulate`` runs one simulation.
     """
-    fine = simulate(setup, experiment)
-    if not experiment.is_extrapolated(setup):
+    variant = experiment.select_variant(setup)
+    fine = simulate(setup, variant)
+    if not variant.is_extrapolated(setup):
         return fine
-    return extrapolate_to_zero_step(fine, simulate(setup, experiment.coarse_variant))
+    return extrapolate_to_zero_step(fine, simulate(setup, variant.coarse_variant))
 
 
 def observe(setup: SimulationSetup, experiment: Experiment, response: DeviceResponse) -> dict[str, Array]:
@@ -147,7 +148,7 @@ class Simulator:
 
     def _simulate_one(self, setup: SimulationSetup, experiment: Experiment, *, coarse: bool) -> DeviceResponse:
         if coarse:
-            return self._simulate_cached(setup, experiment.coarse_variant)
+            return self._simulate_cached(setup, experiment.select_variant(setup).coarse_variant)
         return simulate_extrapolated(setup, experiment, self._simulate_cached)
 
     def _simulate_cached(self, setup: SimulationSetup, experiment: Experiment) -> DeviceResponse:

@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
-from klute_sim.diagnosis.experiments.base import COARSE_STEP_FACTOR, Experiment, SimulationSetup
+from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.experiments.time_step import COARSE_STEP_FACTOR
 from klute_sim.diagnosis.noise.repeats import Residuals, align_repeats, list_channels
 from klute_sim.diagnosis.noise.trial_noise import describe_noisy_trials, estimate_noise_ratios
 from klute_sim.types import Array

@@ -15,7 +15,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeat_products import RepeatProducts, compute_repeat_products
 
-IRRELEVANT_MEAN_SQUARES = (0.001, 0.006)
+IRRELEVANT_MEAN_SQUARES = (0.0025, 0.008)
 """Mean squares of the irrelevant misfit in channels of loads and of motions, in variances of the noise."""
 IRRELEVANT_SPREAD = 0.016
 """Standard deviation of the mean square between datasets, in variances of the noise."""
