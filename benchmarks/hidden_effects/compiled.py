@@ -24,10 +24,10 @@ SOURCES_DIGEST = hashlib.sha256(
 
 
 def cached_njit(function: Callable[..., Any]) -> Any:
-    """Return ``function``, compiled at its first call.
+    """Return ``function``, compiled at its first call; it releases Python's lock, so that others run beside it.
 
     Numba's cache detects only changes of the file of a function, not of the functions that it calls. The cache is
     looked up by name, so the name includes the digest of all files.
     """
     function.__qualname__ += f"_{SOURCES_DIGEST}"
-    return numba.njit(cache=True)(function)
+    return numba.njit(cache=True, nogil=True)(function)
