@@ -30,8 +30,8 @@ from klute_sim.effects.effect import Effect
 from klute_sim.errors import InputError
 from klute_sim.types import Array, ProgressCallback
 
-TIME_STEP, SAMPLE_INTERVAL = 1e-3, 5e-3
-"""Time step of the simulation, and time between samples [s]."""
+TIME_STEP, SAMPLE_INTERVAL = 1.25e-3, 5e-3
+"""Time step of the simulation, and time between samples [s]: a whole number of coarse steps."""
 NOISE_STD = {"force": 3.0, "pressure": 1e3, "muscle_length": MUSCLE_LENGTH_NOISE}
 """Standard deviation of a sample of each channel [SI] (assumed: an ordinary load cell and gauge)."""
 RECORDED_CHANNELS = ("force", "pressure")

@@ -31,8 +31,8 @@ from klute_sim.mechanism.protocols import JointTrial, ProtocolSettings, plan_tes
 from klute_sim.mechanism.run import find_joint, make_inputs
 from klute_sim.types import Array
 
-TIME_STEP = 1e-3
-"""Time step of the simulation [s]."""
+TIME_STEP = 5e-4
+"""Time step of the simulation with a flow that is metered [s]; others are twice as long."""
 PROPOSED_TRIALS = ("step_up_100pct", "step_down_100pct", "sine_1Hz", "sine_4Hz", "multisine")
 """Trials that may be proposed (assumed: the others of these tests add little to them)."""
 ADDED_NOISE = {"force": 3.0, "pressure": 1e3}
