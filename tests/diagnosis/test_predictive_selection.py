@@ -24,6 +24,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     choose_stable_model,
     divide_into_folds,
     is_as_good,
+    list_nameable_models,
     refuse_redundant_terms,
 )
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
@@ -51,6 +52,13 @@ def make_model(terms: tuple[EffectTerm, ...], errors: list[float], obstacle: str
 
 
 BASE = make_model((), [4.0, 5.0, 4.0, 5.0, 4.0, 5.0])
+
+
+def test_no_set_has_as_many_names_as_there_are_conditions() -> None:
+    single, pair = make_model((FRICTION,), [1.0] * 3), make_model((FRICTION, TAPER), [0.5] * 3)
+    triple, refused = make_model((FRICTION, TAPER, TENSION), [0.1] * 3), make_model((TENSION,), [0.2] * 3, "at a bound")
+    assert list_nameable_models([triple, refused, pair, single], 3) == [pair, single]
+    assert list_nameable_models([triple, refused, pair, single], 4) == [triple, pair, single]
 
 
 def test_simplest_model_within_one_standard_error_is_chosen() -> None:

@@ -276,6 +276,14 @@ def refuse_redundant_terms(
     return checked
 
 
+def list_nameable_models(models: Sequence[PredictiveModel], n_folds: int) -> list[PredictiveModel]:
+    """Return those of ``models`` that may be named: without an obstacle, and with fewer terms than folds.
+
+    The error of an imperfect law is about one value per condition, and ``n`` terms explain any ``n`` values.
+    """
+    return [model for model in models if not model.obstacle and len(model.terms) < n_folds]
+
+
 def are_proxies(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> bool:
     """Return whether each term of a ``chosen`` set stands in for something that may not be named.
 

@@ -42,6 +42,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     divide_into_folds,
     is_as_good,
     list_certain_models,
+    list_nameable_models,
     list_reduced_models,
     rank_model,
     refuse_redundant_terms,
@@ -64,7 +65,7 @@ N_SECOND_TERMS = 2
 N_EXTENDED_PAIRS = 2
 """Number of pairs that are extended by a third term."""
 MAX_SCREENED_CAUSES = 12
-"""Number of causes that are screened beside a model: those that promise most by their effect without it (assumed)."""
+"""Number of causes that are screened beside a model and those in the supply: the most promising ones (assumed)."""
 MIN_SHARE = 0.6
 """Share of the explainable error of prediction that names must take (assumed: a proxy for an effect outside the
 catalogue takes less, named effects of measured muscles and seals take 0.78 to 1)."""
@@ -139,7 +140,7 @@ class PredictiveSelection:
         ]
         n_finished = 0
         while True:  # a model that is fitted to the end may reach a bound, or fall behind another one
-            leading = [model for model in models if not model.obstacle][:MAX_LEADING]
+            leading = list_nameable_models(models, len(self.folds))[:MAX_LEADING]
             unfinished = [model for model in leading if not (model.fit.converged or model.has_full_fit)]
             if not unfinished or n_finished >= MAX_FINISHED:
                 break
@@ -179,13 +180,16 @@ class PredictiveSelection:
     ) -> None:
         """Add to ``fits`` the refits of ``current`` with each of the ``count`` terms that promise most beside it.
 
-        ``candidates`` are those without added effects. They tell which causes are screened beside ``current``.
+        ``candidates`` are those without added effects. They tell which causes are screened beside ``current``. Effects
+        of the supply always are, because they are far from linear, and so are those without influence on their own.
         """
         used = current.hypothesis.terms
-        unused = [c for c in candidates if not any(is_same_cause(c.term, other) for other in used)]
-        promising = select_best_causes(predict_gains(current, unused), MAX_SCREENED_CAUSES)
+        unused = [term for term in self.candidate_terms if not any(is_same_cause(term, other) for other in used)]
+        known = [candidate for candidate in candidates if candidate.term in unused]
+        promising = select_best_causes(predict_gains(current, known), MAX_SCREENED_CAUSES)
         causes = {candidate.term.identity for candidate in promising}
-        terms = [candidate.term for candidate in unused if candidate.term.identity in causes]
+        unpromising = {c.term for c in known if c.term.identity not in causes}
+        terms = [t for t in unused if t not in unpromising or t.effect_definition.acts_in_supply]
         best = select_best_causes(screen_candidates(self.data, current, terms), count)
         self._extend(current, [candidate.term for candidate in best], fits)
 
@@ -331,7 +335,7 @@ class PredictiveSelection:
         fold_noise = [noise for noise in map(self.compute_fold_noise, self.folds) if noise is not None]
         noise = float(np.mean(fold_noise)) if fold_noise else 0.0
         models = refuse_redundant_terms(base, models, len(self.folds), noise)
-        nameable = [model for model in models if not model.obstacle]
+        nameable = list_nameable_models(models, len(self.folds))
         chosen, stability = choose_stable_model(nameable, len(self.folds), noise) if nameable else (base, {})
         has_proxies = are_proxies(chosen, models)
         while not has_proxies and (reduced := list_reduced_models(chosen, nameable, models)):
