@@ -225,6 +225,23 @@ def test_prescribed_pressure_replaces_the_supply() -> None:
     assert rollout.trace_device("flexor").pressure == pytest.approx(inputs["pressure_flexor"], rel=1e-9)
 
 
+@pytest.mark.parametrize("delay_steps", [7.0, 7.4])
+def test_delay_of_a_limited_command_delays_the_pressure(delay_steps: float) -> None:
+    """The command leaves the range of the supply, so it is limited in pressure and in rate."""
+    command = np.where(TIME < 0.1, 2e5, np.where(TIME < 0.25, 20e5, np.where(TIME < 0.4, -3e5, 4e5)))
+    inputs = {**COMMANDS, "pressure_command_flexor": command}
+    late = PAIR.with_effect("pressure_delay", delay_s=delay_steps * DT)
+    prompt, delayed = (
+        read(simulate({"flexor": device, "extensor": PAIR}, inputs), "pressure_flexor") for device in (PAIR, late)
+    )
+    index = np.arange(len(TIME), dtype=np.float64)
+    kink = PAIR.parameters.supply.max_pressure_rate * DT  # between steps, a corner is cut by less than this
+    assert delayed == pytest.approx(
+        np.interp(index - delay_steps, index, prompt), abs=1e-6 if delay_steps == 7.0 else 0.3 * kink
+    )
+    assert np.ptp(prompt) == pytest.approx(PAIR.parameters.supply.max_pressure)
+
+
 def test_dead_time_delays_a_command() -> None:
     late = PAIR.with_effect("pressure_delay", delay_s=0.05)
     shifted = {name: values[np.maximum(np.arange(1200) - 100, 0)] for name, values in COMMANDS.items()}

@@ -336,17 +336,18 @@ def _place_joints(model: mujoco.MjModel, data: mujoco.MjData, positions: Mapping
 def _delay_command(values: Array, parameters: DeviceParameters, dt: float) -> Array:
     """Return the command ``values`` later by the dead time, as :class:`klute_sim.device.delay.DelayLine` does.
 
-    A supply that only limits the rate of the pressure limits that of the command first, which gives the same pressure:
-    a command changes at the start of a step, a delayed one does not, and its limited pressure would change too early.
+    A supply that only limits pressure and rate limits the command before its delay, which gives the same pressure
+    (:func:`klute_sim.laws.pneumatics.regulate`): a command changes at the start of a step, a delayed one does not, and
+    its limited pressure would change too early.
     """
-    delay_steps = get_dead_time(parameters) / dt
+    delay_steps, supply = get_dead_time(parameters) / dt, parameters.supply
     if delay_steps == 0.0:
         return values
     supply_effects = catalogue.select_effects(
         parameters.effects, lambda slot: not SUPPLY_HOOKS.isdisjoint(slot.form.laws)
     )
-    if pneumatic_step.is_ideal(parameters.supply) and not any(supply_effects):
-        values = _limit_rate(values, parameters.supply.max_pressure_rate * dt)
+    if pneumatic_step.is_ideal(supply) and not any(supply_effects):
+        values = _limit_rate(np.clip(values, 0.0, supply.max_pressure), supply.max_pressure_rate * dt)
     index = np.arange(len(values), dtype=np.float64)
     return np.interp(index - delay_steps, index, values)
 
