@@ -41,9 +41,9 @@ from klute_sim.types import Array
 MIN_TIME_STEP, MAX_TIME_STEP = 5e-4, 5e-3
 """Limits of the time step [s]. Below, the integration error vanishes in a load cell's noise; above, steps need not be
 longer."""
-SUPPLY_SUBSTEPS = 4
+SUPPLY_SUBSTEPS = 10
 """Divisor of the time step for a supply with a valve or a tank, whose flow starts and stops within a step. No
-extrapolation corrects that: its error is 0.2 (valve) and 0.5 (tank) times the noise of a gauge in data of 200 Hz."""
+extrapolation corrects that: its error is 0.03 (valve) and 0.06 (tank) times the noise of a gauge in data of 200 Hz."""
 LENGTH_PERTURBATION = -1e-4
 """Change of the prescribed length [m] that measures the sensitivity to length noise; a bare muscle can only shorten."""
 STATIONARY_SPEED = 1e-3
