@@ -23,7 +23,7 @@ from klute_sim.device.dynamics import (
 from klute_sim.device.rollout import MAX_TIME_STEP
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError, SimulationError, suggest
-from klute_sim.laws import pneumatic_step
+from klute_sim.laws import pneumatic_step, pneumatics
 from klute_sim.laws.pneumatics import SupplyParameters
 from klute_sim.mechanism import drives
 from klute_sim.mechanism.assembly import Binding, Mechanism
@@ -347,18 +347,17 @@ def _delay_command(values: Array, parameters: DeviceParameters, dt: float) -> Ar
         parameters.effects, lambda slot: not SUPPLY_HOOKS.isdisjoint(slot.form.laws)
     )
     if pneumatic_step.is_ideal(supply) and not any(supply_effects):
-        values = _limit_rate(np.clip(values, 0.0, supply.max_pressure), supply.max_pressure_rate * dt)
+        values = _regulate(values, supply, dt)
     index = np.arange(len(values), dtype=np.float64)
     return np.interp(index - delay_steps, index, values)
 
 
-def _limit_rate(values: Array, max_change: float) -> Array:
-    """Return ``values`` followed from their first one on by at most ``max_change`` per sample."""
-    limited, current = np.empty(len(values)), float(values[0])
-    for index, target in enumerate(values.tolist()):
-        current = min(max(target, current - max_change), current + max_change)
-        limited[index] = current
-    return limited
+def _regulate(values: Array, supply: SupplyParameters, dt: float) -> Array:
+    """Return the pressure [Pa] of an ideal regulator that starts at the first of the commands ``values`` [Pa]."""
+    pressures, pressure = np.empty(len(values)), min(max(float(values[0]), 0.0), supply.max_pressure)
+    for index, command in enumerate(values.tolist()):
+        pressures[index] = pressure = pneumatics.regulate(supply, pressure, command, dt)
+    return pressures
 
 
 def _run_compiled(model: mujoco.MjModel, data: mujoco.MjData, controls: Array) -> tuple[dict[str, Array], bool]:

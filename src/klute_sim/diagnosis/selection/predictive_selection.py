@@ -65,7 +65,7 @@ N_SECOND_TERMS = 2
 N_EXTENDED_PAIRS = 2
 """Number of pairs that are extended by a third term."""
 MAX_SCREENED_CAUSES = 12
-"""Number of causes that are screened beside a model and those in the supply: the most promising ones (assumed)."""
+"""Number of causes that are screened beside a model: the most promising ones; the supply's come on top (assumed)."""
 MIN_SHARE = 0.6
 """Share of the explainable error of prediction that names must take (assumed: a proxy for an effect outside the
 catalogue takes less, named effects of measured muscles and seals take 0.78 to 1)."""
