@@ -17,7 +17,7 @@ hypothesis.settings.register_profile("random", deadline=None)
 hypothesis.settings.load_profile("repeatable")
 
 FIRST_FILE = "device/test_compilation.py"
-FOLDERS_WITHOUT_COMPILATION = ("laws", "sizing", "comparison", "controllers", "recording")
+FOLDERS_WITHOUT_COMPILATION = ("laws", "sizing", "comparison", "controllers", "recording", "mocap", "plausibility")
 TESTS = Path(__file__).parent
 
 

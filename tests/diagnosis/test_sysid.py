@@ -38,10 +38,6 @@ from tests.diagnosis import synthetic_dataset as synthetic_dataset
 sysid = pytest.importorskip("mujoco.sysid")
 if not hasattr(sysid, "optimize"):  # it can be imported without the packages of its extra, but is empty
     pytest.skip("mujoco.sysid is empty without the packages of mujoco[sysid]", allow_module_level=True)
-if (
-    callbacks.choose_backend() != "compiled"
-):  # sysid compiles a model for each trial point, which Python callbacks do not allow
-    pytest.skip("mujoco.sysid needs the compiled law", allow_module_level=True)
 
 DEVICE = load_device("klute-3-4-pair")
 NOMINAL = DEVICE.spec.collect_values()
@@ -109,6 +105,8 @@ def fit_with_sysid(trial: Experiment, optimizer: str) -> dict[str, float]:
         sysid.Parameter(k, NOMINAL[k], (1 - RELATIVE_RANGE) * NOMINAL[k], (1 + RELATIVE_RANGE) * NOMINAL[k])
         for k in TRUTH
     ]
+    if callbacks.choose_backend() != "compiled":
+        pytest.skip("mujoco.sysid compiles a model for each trial point, which Python callbacks do not allow")
     with callbacks.device_callbacks():
         result, _ = sysid.optimize(
             sysid.ParameterDict({parameter.name: parameter for parameter in values}), residual, optimizer, gtol=1e-14

@@ -1,5 +1,7 @@
 """Devices with effects, and their rollouts, for the tests of effects."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -61,7 +63,10 @@ VALVE_FED = PAIR.parameters._replace(
 )
 
 
-BASE = run(PAIR.parameters)
+@cache
+def run_base(device: DeviceParameters = PAIR.parameters) -> RolloutTrace:
+    """Return the rollout of a device without effects: once, and not at import, where every worker would compile it."""
+    return run(device)
 
 
 def load_with_effects(sections: dict[str, dict[str, float | str]]) -> Device:

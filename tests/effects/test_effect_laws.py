@@ -18,7 +18,6 @@ from klute_sim.laws import mckibben, valve
 from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE, SupplyParameters
 from klute_sim.units import BAR
 from tests.effects.devices import (
-    BASE,
     LENGTH,
     PAIR,
     STEP,
@@ -28,6 +27,7 @@ from tests.effects.devices import (
     load_with_effects,
     parameters_of,
     run,
+    run_base,
 )
 
 
@@ -37,10 +37,10 @@ def test_regulator_effects_match_their_equations() -> None:
         return run(activate(slot, {slot.form.parameters[0].key: value})).pressure
 
     settled = (TIME % 0.25 > 0.2) & (TIME > 0.3)
-    assert pressure("regulator_error", "gain", 0.9)[settled] == pytest.approx(0.9 * BASE.pressure[settled])
-    assert pressure("regulator_error", "offset", 0.2)[settled] == pytest.approx(BASE.pressure[settled] + 0.2e5)
+    assert pressure("regulator_error", "gain", 0.9)[settled] == pytest.approx(0.9 * run_base().pressure[settled])
+    assert pressure("regulator_error", "offset", 0.2)[settled] == pytest.approx(run_base().pressure[settled] + 0.2e5)
     late = pressure("pressure_delay", "dead_time", 0.04)
-    assert late[200:] == pytest.approx(BASE.pressure[:-200])
+    assert late[200:] == pytest.approx(run_base().pressure[:-200])
     slow = pressure("pressure_lag", "first_order", 0.05)
     rise = slow[round(0.5 / STEP) : round(0.75 / STEP)]
     after = np.arange(1, len(rise) + 1) * STEP
@@ -103,7 +103,7 @@ def test_second_order_lag_does_not_follow_the_compression_by_the_muscle(
 def test_second_order_lag_follows_the_command_where_its_time_constant_is_zero() -> None:
     slot = catalogue.find_slot("pressure_lag", "second_order")
     trace = run(activate(slot, {"time_constant_s": 0.0, "damping_ratio": 0.7}))
-    assert np.array_equal(trace.pressure, BASE.pressure)
+    assert np.array_equal(trace.pressure, run_base().pressure)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from klute_sim.errors import InputError
 from klute_sim.plant import batch, callbacks, models
 from klute_sim.units import BAR
 from tests.effects.devices import (
-    BASE,
     COMMAND,
     FORMS,
     LENGTH,
@@ -29,6 +28,7 @@ from tests.effects.devices import (
     load_with_effects,
     parameters_of,
     run,
+    run_base,
 )
 
 
@@ -59,23 +59,20 @@ def test_equilibrium_state_is_stationary(slot: EffectSlot) -> None:
         assert initial_tension == pytest.approx(plain, abs=1e-4)
 
 
-BASES = {PAIR.parameters: BASE, VALVE_FED: run(VALVE_FED)}
-
-
 @FORMS
 def test_neutral_parameters_change_no_bit_in_either_backend(slot: EffectSlot) -> None:
     device = device_showing(slot)
     neutral = activate(slot, parameters_of(slot.form, 0.0), device)
     assert neutral.effects[0] == 1.0
-    assert are_identical(run(neutral), BASES[device])
-    assert are_identical(run(neutral, "python", 800), RolloutTrace(*(x[:800] for x in BASES[device])))
+    assert are_identical(run(neutral), run_base(device))
+    assert are_identical(run(neutral, "python", 800), RolloutTrace(*(x[:800] for x in run_base(device))))
 
 
 @FORMS
 def test_typical_parameters_are_visible_and_identical_in_both_backends(slot: EffectSlot) -> None:
     device = activate(slot, parameters_of(slot.form), device_showing(slot))
     typical = run(device)
-    assert np.sqrt(np.mean((typical.tension - BASES[device_showing(slot)].tension) ** 2)) > 4.0
+    assert np.sqrt(np.mean((typical.tension - run_base(device_showing(slot)).tension) ** 2)) > 4.0
     python = run(device, "python", 1500)
     assert are_identical(python, RolloutTrace(*(x[:1500] for x in typical)))
 

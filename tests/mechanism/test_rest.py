@@ -40,35 +40,39 @@ def simulate(initial_angle: float | None, friction: float = 0.0, form: str = "co
     return rollout.read_channel(mechanism.bind(parse_channel("angle_joint")))
 
 
-EQUILIBRIUM = float(simulate(None)[0])
 OFFSET = np.radians(2.0)
+
+
+@pytest.fixture(scope="module")
+def equilibrium() -> float:
+    return float(simulate(None)[0])
 
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("offset", [OFFSET, -OFFSET])
-def test_friction_holds_the_joint_where_it_was(form: str, offset: float) -> None:
-    angle = simulate(EQUILIBRIUM + offset, 5.0, form)
-    assert angle[0] == pytest.approx(EQUILIBRIUM + offset, abs=1e-9)
+def test_friction_holds_the_joint_where_it_was(form: str, offset: float, equilibrium: float) -> None:
+    angle = simulate(equilibrium + offset, 5.0, form)
+    assert angle[0] == pytest.approx(equilibrium + offset, abs=1e-9)
     assert np.ptp(angle) < 0.02 * OFFSET
 
 
-def test_weak_friction_lets_it_slide_to_where_it_holds() -> None:
+def test_weak_friction_lets_it_slide_to_where_it_holds(equilibrium: float) -> None:
     """The distance from the equilibrium that a friction holds is in proportion to it, in both directions."""
-    strong, weak = (float(simulate(EQUILIBRIUM + 10 * OFFSET, friction)[0]) - EQUILIBRIUM for friction in (0.2, 0.1))
+    strong, weak = (float(simulate(equilibrium + 10 * OFFSET, friction)[0]) - equilibrium for friction in (0.2, 0.1))
     assert 0.0 < weak < strong < 10 * OFFSET
     assert strong / weak == pytest.approx(2.0, rel=0.02)
-    other = float(simulate(EQUILIBRIUM - 10 * OFFSET, 0.1)[0]) - EQUILIBRIUM
+    other = float(simulate(equilibrium - 10 * OFFSET, 0.1)[0]) - equilibrium
     assert other == pytest.approx(-weak, rel=0.02)
-    assert simulate(EQUILIBRIUM + weak, 0.1)[0] == pytest.approx(EQUILIBRIUM + weak, abs=1e-9)
+    assert simulate(equilibrium + weak, 0.1)[0] == pytest.approx(equilibrium + weak, abs=1e-9)
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_held_joint_rests_at_the_edge(form: str) -> None:
-    angle = simulate(EQUILIBRIUM + 10 * OFFSET, 0.2, form)
-    assert np.ptp(angle) < 0.2 * (angle[0] - EQUILIBRIUM)
+def test_held_joint_rests_at_the_edge(form: str, equilibrium: float) -> None:
+    angle = simulate(equilibrium + 10 * OFFSET, 0.2, form)
+    assert np.ptp(angle) < 0.2 * (angle[0] - equilibrium)
 
 
-def test_vanishing_friction_begins_in_the_equilibrium() -> None:
-    assert simulate(EQUILIBRIUM + OFFSET, 1e-9)[0] == pytest.approx(EQUILIBRIUM, abs=1e-8)
-    assert simulate(EQUILIBRIUM + OFFSET)[0] == pytest.approx(EQUILIBRIUM, abs=1e-8)
-    assert simulate(None, 5.0)[0] == pytest.approx(EQUILIBRIUM, abs=1e-8)  # where it was is unknown
+def test_vanishing_friction_begins_in_the_equilibrium(equilibrium: float) -> None:
+    assert simulate(equilibrium + OFFSET, 1e-9)[0] == pytest.approx(equilibrium, abs=1e-8)
+    assert simulate(equilibrium + OFFSET)[0] == pytest.approx(equilibrium, abs=1e-8)
+    assert simulate(None, 5.0)[0] == pytest.approx(equilibrium, abs=1e-8)  # where it was is unknown
