@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebval
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs
 
@@ -85,10 +86,8 @@ class WindowFilter(ChannelFilter):
                 is_peak, np.cos((self.n_samples - 1) * angle), np.sin(self.n_samples * angle) / safe_sine
             )
         else:
-            weights = savgol_coeffs(self.n_samples, self.degree)[self.n_samples // 2 :]
-            response = np.full(len(frequency), weights[0])
-            for k, weight in enumerate(weights[1:], start=1):
-                response = response + 2.0 * weight * np.cos(2.0 * k * angle)
+            # cos(k x) is the Chebyshev polynomial of degree k of cos(x); its recurrence needs one cosine for all k.
+            response = chebval(np.cos(2.0 * angle), _compute_series_coefficients(self.n_samples, self.degree))
         response = response**self.n_passes
         if self.is_trailing:
             return np.asarray(response * np.exp(-2j * np.pi * frequency * self.delay))
@@ -101,6 +100,13 @@ class WindowFilter(ChannelFilter):
     def scale_cutoff(self, factor: float) -> "WindowFilter":
         """Return the filter itself: the noise shows the window exactly."""
         return self
+
+
+@lru_cache(maxsize=1024)
+def _compute_series_coefficients(n_samples: int, degree: int) -> Array:
+    """Return the coefficients of the cosine series of a Savitzky-Golay filter: a symmetric window has each twice."""
+    weights = savgol_coeffs(n_samples, degree)[n_samples // 2 :]
+    return np.append(weights[0], 2.0 * weights[1:])
 
 
 @lru_cache
