@@ -87,6 +87,8 @@ def test_number_that_is_wrong_by_an_implausible_amount_has_a_rival(
     if rival is not None:
         assert rival.model.fit is free
         assert "times its plausible error (assumed), so an effect in the equation of muscle and" in rival.sentence
+        search = ForwardSelection(data, [], [])
+        assert find_rival_of_number(search, base, named, ["unknown_force"]) is None  # the number was measured
         results.pop(0)  # nothing represents the misfit
         assert find_rival_of_number(ForwardSelection(data, [], []), base, named) is None
 

@@ -122,7 +122,8 @@ def find_rival_of_number(
     """Return the rival of names that are only numbers, one of them wrong by an implausible amount.
 
     Returns None where all numbers are plausible (:func:`~klute_sim.diagnosis.selection.naming.find_implausible_number`)
-    or where no data-driven term represents the misfit. ``exclude`` names effects that are not candidates.
+    or where no data-driven term represents the misfit. Nor is there a rival where ``exclude`` has the name of this
+    term: who measured the number rules the term out, and another equation represents the misfit less well.
     """
     names = named_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]
     if not names or not all(term.number for term in names):
@@ -132,8 +133,8 @@ def find_rival_of_number(
         return None
     term, error = implausible
     residuals = compute_equation_residuals(search.data, base_fit)
-    fitted = fit_data_driven_term(search, base_fit, residuals, exclude, max_supports=1)
-    if fitted.fit is None:
+    fitted = fit_data_driven_term(search, base_fit, residuals, max_supports=1)
+    if fitted.fit is None or fitted.fit.hypothesis.terms[-1].effect in exclude:
         return None
     sentence = (
         f"{term} would be wrong by {error:.1f} times its plausible error (assumed), so an effect in the "
