@@ -11,11 +11,12 @@ from klute_sim.diagnosis.discrepancy import data_driven_comparison
 from klute_sim.diagnosis.discrepancy.data_driven_comparison import DataDrivenComparison, compare_with_data_driven_models
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.law_error_weights import weight_by_law_error
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_model import PredictiveResult
-from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.units import BAR
 from tests.diagnosis.test_data_driven_rival import add_terms
 from tests.diagnosis.test_sparse_regression import create_search

@@ -16,7 +16,11 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection import bounds, nested_forms
 from klute_sim.diagnosis.selection.naming import find_terms_at_bound
-from klute_sim.diagnosis.selection.nested_forms import refit_with_containing_forms, restart_nested_forms
+from klute_sim.diagnosis.selection.nested_forms import (
+    refit_with_containing_forms,
+    restart_nested_forms,
+    select_best_fits,
+)
 from klute_sim.diagnosis.workflow import fit_base_device
 from tests.diagnosis.synthetic_dataset import write_dataset
 
@@ -119,6 +123,12 @@ def test_other_fits_stay(
 ) -> None:
     fits = [make_fit(*pair) for pair in zip(terms, chi2, strict=True)]
     assert all(a is b for a, b in zip(restart_nested_forms(prepared[0], fits, max_nfev=5), fits, strict=True))
+
+
+def test_best_fit_of_each_cause_is_selected() -> None:
+    hose = make_fit(EffectTerm("hose", "tube"), 70.0)
+    symmetric, asymmetric = make_fit(SYMMETRIC, 100.0), make_fit(ASYMMETRIC, 60.0)
+    assert select_best_fits([symmetric, hose, asymmetric]) == [asymmetric, hose]
 
 
 @pytest.mark.parametrize("force", [3.0, 15.0])

@@ -8,11 +8,13 @@ import pytest
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.law_error_weights import weight_by_law_error
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals, decide_verdict
 from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise, estimate_noise_from_residuals
+from klute_sim.diagnosis.selection import predictive_selection
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_infeasible_terms, find_naming_obstacle
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
@@ -27,7 +29,7 @@ from klute_sim.diagnosis.selection.predictive_model import (
     list_nameable_models,
     refuse_redundant_terms,
 )
-from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection, weight_by_law_error
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from klute_sim.diagnosis.selection.screening import Candidate
 from tests.diagnosis.synthetic_dataset import make_repeats
 
@@ -447,6 +449,25 @@ def test_noise_has_the_weights_of_the_errors() -> None:
     errors = [selection.compute_fold_error(fold, residuals) for fold in selection.folds]
     assert [selection.compute_fold_noise(fold) for fold in selection.folds] == pytest.approx(errors)
     assert np.mean(errors) == pytest.approx((0.5 * (0.01 + 0.64) + 3 * 0.01) / 4)
+
+
+def test_forms_that_contain_that_of_a_leading_single_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A Coulomb friction that takes nearly as much as the best effect may be a Stribeck friction that takes more."""
+    monkeypatch.setattr(predictive_selection, "refit_with_containing_forms", lambda data, fit, term, **_: [term])
+    terms = [
+        EffectTerm("braid_hysteresis", "coulomb"),
+        EffectTerm("seal_friction", "coulomb"),
+        EffectTerm("end_taper", "cone"),
+    ]
+    singles = [
+        replace(make_fit((term,)), weighted_residuals=np.array([np.sqrt(chi2)]))
+        for term, chi2 in zip(terms, (10.0, 18.0, 40.0), strict=True)
+    ]
+    base = replace(make_fit(()), weighted_residuals=np.array([10.0]))
+    selection = object.__new__(PredictiveSelection)
+    selection.data = WeightedData(Simulator(1), [], {})
+    assert selection._refit_leading_forms(base, singles) == terms[:2]
+    assert selection._refit_leading_forms(base, []) == []
 
 
 def test_parameter_that_the_data_do_not_determine_stays_when_a_condition_is_left_out() -> None:

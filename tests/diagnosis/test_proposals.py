@@ -10,6 +10,7 @@ from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.law_error_weights import weight_by_law_error
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
@@ -24,7 +25,6 @@ from klute_sim.diagnosis.planning.proposals import (
     simulate_channels,
     weight_predictions,
 )
-from klute_sim.diagnosis.selection.predictive_selection import weight_by_law_error
 from tests.diagnosis.synthetic_dataset import make_repeats
 
 

@@ -14,7 +14,13 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
 from klute_sim.diagnosis.selection.candidates import check_effect_names, list_candidate_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.screening import screen_candidates, select_shortlist
+from klute_sim.diagnosis.selection.screening import (
+    Candidate,
+    screen_candidates,
+    select_best_causes,
+    select_best_effects,
+    select_shortlist,
+)
 from klute_sim.diagnosis.workflow import fit_base_device
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
@@ -57,8 +63,6 @@ def test_screening_ranks_the_true_effect_first(key: tuple[str, str], fitted_data
 def test_shortlist_has_all_forms_of_a_promising_effect() -> None:
     data = [("braid_hysteresis", "coulomb"), ("seal_friction", "coulomb")]
     others = [(f"x{k}", "f") for k in range(12)]
-    from klute_sim.diagnosis.selection.screening import Candidate
-
     zeros = np.zeros(1)
     synthetic = [
         Candidate(EffectTerm(*name), 100.0 - k, 1.0, zeros, zeros, 1.0, zeros, zeros)
@@ -67,6 +71,18 @@ def test_shortlist_has_all_forms_of_a_promising_effect() -> None:
     names = [(c.term.effect, c.term.form) for c in select_shortlist(synthetic)]
     assert ("braid_hysteresis", "maxwell_slip") in names
     assert len(names) == 9
+
+
+def test_forms_and_owners_of_one_effect_leave_room_for_others() -> None:
+    frictions = [EffectTerm("braid_hysteresis", "coulomb", tendon=owner) for owner in (None, *map(str, range(9)))]
+    others = [EffectTerm("joint_friction", form, part="joint") for form in ("coulomb", "stribeck")]
+    zeros = np.zeros(1)
+    candidates = [
+        Candidate(term, 100.0 - k, 1.0, zeros, zeros, 1.0, zeros, zeros) for k, term in enumerate([*frictions, *others])
+    ]
+    assert [c.term for c in select_shortlist(candidates)] == [*frictions[:8], others[0]]
+    assert [c.term for c in select_best_effects(candidates, 6)] == [frictions[0], others[0]]
+    assert [c.term for c in select_best_causes(candidates, 6)] == frictions[:6]
 
 
 def test_candidates_exclude_effects_of_the_device(fitted_data: tuple) -> None:

@@ -12,6 +12,7 @@ from scipy.stats import t as student_t
 
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.confidence_intervals import convert_reciprocal_errors
+from klute_sim.diagnosis.fitting.law_error_weights import weight_by_law_error
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
@@ -31,7 +32,6 @@ from klute_sim.diagnosis.selection.predictive_model import (
 from klute_sim.diagnosis.selection.predictive_selection import (
     MIN_SHARE,
     PredictiveSelection,
-    weight_by_law_error,
 )
 
 FOLD_WORDS = {"condition": "condition", "specimen": "specimen", "part": "part of the trials"}

@@ -5,12 +5,12 @@ a local minimum, and begins again where the simpler form ended. A form whose par
 such a form, too: a valve that is symmetric in part only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis, Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.types import Array
@@ -45,8 +45,19 @@ def _is_simpler_form(term: EffectTerm, other: EffectTerm) -> bool:
     return term.identity == other.identity and len(term.parameters) < len(other.parameters)
 
 
-def refit_with_containing_forms(data: WeightedData, fit: Fit, term: EffectTerm) -> list[Fit]:
-    """Return ``fit`` refitted with each form that contains that of its ``term`` in its place, from its values."""
+def select_best_fits(fits: Iterable[Fit]) -> list[Fit]:
+    """Return the best of the ``fits`` of each cause, best first, whatever the form of its effects."""
+    best: dict[frozenset[Identity], Fit] = {}
+    for fit in sorted(fits, key=lambda fit: fit.chi2):
+        best.setdefault(fit.identities, fit)
+    return list(best.values())
+
+
+def refit_with_containing_forms(data: WeightedData, fit: Fit, term: EffectTerm, *, is_fine: bool = True) -> list[Fit]:
+    """Return ``fit`` refitted with each form that contains that of its ``term`` in its place, from its values.
+
+    Those that are not fine end with coarse simulations.
+    """
     index, refits = fit.hypothesis.terms.index(term), []
     for form in fit.hypothesis.device.spec.list_candidate_forms(term.effect_definition):
         other = term._replace(form=form.name, parameter_keys=())
@@ -56,7 +67,7 @@ def refit_with_containing_forms(data: WeightedData, fit: Fit, term: EffectTerm) 
         hypothesis = replace(fit.hypothesis, terms=terms)
         start = _carry_values(fit, hypothesis, index)
         if start is not None:
-            refits.append(fit_hypothesis(data, hypothesis, start, fine=True))
+            refits.append(fit_hypothesis(data, hypothesis, start, fine=is_fine))
     return refits
 
 

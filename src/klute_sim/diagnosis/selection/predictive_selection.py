@@ -21,15 +21,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, complete_fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_from_residuals, group_repeats
+from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.bounds import restore_declared_numbers, simplify_at_bound
 from klute_sim.diagnosis.selection.candidates import is_same_cause
 from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_numbers_at_limit
+from klute_sim.diagnosis.selection.nested_forms import refit_with_containing_forms, select_best_fits
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
 from klute_sim.diagnosis.selection.predictive_model import (
     MAX_RIVAL_RATIO,
@@ -48,16 +48,25 @@ from klute_sim.diagnosis.selection.predictive_model import (
     refuse_redundant_terms,
 )
 from klute_sim.diagnosis.selection.robustness import check_convergence
-from klute_sim.diagnosis.selection.screening import Candidate, predict_gains, screen_candidates, select_best_causes
+from klute_sim.diagnosis.selection.screening import (
+    Candidate,
+    predict_gains,
+    screen_candidates,
+    select_best_causes,
+    select_best_effects,
+)
 from klute_sim.types import Array, Mask
 
 MAX_SINGLES, MAX_PAIRS, MAX_TRIPLES = 6, 6, 4
-"""Largest number of models with one, two and three terms that are fitted."""
+"""Largest number of causes, effects, pairs and triples that are fitted."""
 COMPARISON_MAX_NFEV = (5,)
 """Maximum number of function evaluations of the fits that are compared first."""
 MAX_LEADING, MAX_FINISHED = 4, 8
 """Number of leading models that are fitted to the end before the decision, and largest number of such fits and of
 simplified models."""
+MIN_LEADING_GAIN_FRACTION = 0.9
+"""Fall of chi squared with a single effect, over the largest one, from which on it is fitted in every form that
+contains its own (assumed: a Coulomb friction of a joint that is a Stribeck friction took 0.96 of what others took)."""
 N_EXTENDED_SINGLES = 3
 """Number of single effects, those that fit best, that are extended by a second term."""
 N_SECOND_TERMS = 2
@@ -83,7 +92,8 @@ class PredictiveSelection:
     """A selection by predictions of left-out conditions."""
 
     data: WeightedData
-    """All trials but the test trials, weighted by the error of the law (:func:`weight_by_law_error`)."""
+    """All trials but the test trials, weighted by the error of the law
+    (:mod:`klute_sim.diagnosis.fitting.law_error_weights`)."""
     repeat_noise: dict[str, Noise]
     """Noise between repeats of each channel."""
     candidate_terms: Sequence[EffectTerm]
@@ -113,16 +123,16 @@ class PredictiveSelection:
         base_fit = fit_hypothesis(self.data, base_fit.hypothesis, base_fit.x)
         base = self._assess_base(base_fit)
         candidates = screen_candidates(self.data, base_fit, self.candidate_terms)
-        singles = {
-            fit.hypothesis.terms[-1]: fit for fit in self._refit(base_fit, select_best_causes(candidates, MAX_SINGLES))
-        }
+        best = [*select_best_causes(candidates, MAX_SINGLES), *select_best_effects(candidates, MAX_SINGLES)]
+        fitted = self._refit(base_fit, list({candidate.term: candidate for candidate in best}.values()))
+        singles = {fit.hypothesis.terms[-1]: fit for fit in [*fitted, *self._refit_leading_forms(base_fit, fitted)]}
         fits: dict[frozenset[EffectTerm], Fit] = {frozenset([term]): fit for term, fit in singles.items()}
         for first, second, _ in screen_pairs(base_fit, candidates)[:MAX_PAIRS]:
             if first.term not in singles:
                 fits[frozenset([first.term])] = singles[first.term] = self._refit(base_fit, [first])[0]
             self._extend(singles[first.term], [second.term], fits)
         # Where an effect is far from linear, its pairs are predicted only after it has been fitted.
-        for single in sorted(singles.values(), key=lambda fit: fit.chi2)[:N_EXTENDED_SINGLES]:
+        for single in select_best_fits(singles.values())[:N_EXTENDED_SINGLES]:
             self._extend_best(single, candidates, N_SECOND_TERMS, fits)
         pairs = sorted((fit for terms, fit in fits.items() if len(terms) == 2), key=lambda fit: fit.chi2)
         for pair in pairs[:N_EXTENDED_PAIRS]:
@@ -167,6 +177,16 @@ class PredictiveSelection:
     def _refit(self, current: Fit, candidates: Sequence[Candidate]) -> list[Fit]:
         fits = self.search.refit_candidates(current, candidates, max_nfev_by_round=COMPARISON_MAX_NFEV)
         return [complete_fit(self.data, fit) for fit in fits]
+
+    def _refit_leading_forms(self, base_fit: Fit, singles: Sequence[Fit]) -> list[Fit]:
+        """Return fits of the forms that contain those of the leading ``singles``: causes may differ by less."""
+        best_gain = max((base_fit.chi2 - fit.chi2 for fit in singles), default=np.inf)
+        leading = [fit for fit in singles if base_fit.chi2 - fit.chi2 >= MIN_LEADING_GAIN_FRACTION * best_gain]
+        return [
+            refit
+            for fit in leading
+            for refit in refit_with_containing_forms(self.data, fit, fit.hypothesis.terms[-1], is_fine=False)
+        ]
 
     def _extend(self, current: Fit, terms: Sequence[EffectTerm], fits: dict[frozenset[EffectTerm], Fit]) -> None:
         """Add to ``fits`` the refits of ``current`` with each of ``terms``."""
@@ -371,30 +391,3 @@ class PredictiveSelection:
             has_proxies,
             next(certain, None),
         )
-
-
-def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], residuals: Residuals) -> WeightedData:
-    """Return each condition of ``experiments`` once, with the ``residuals`` of the best model as noise.
-
-    Repeats of a condition share the error of the law, so they add nothing: each channel counts in one of them, that
-    with the most samples which measured it. Channels without noise in ``data`` do not count.
-    """
-    plain = [replace(e, noise_scale={}, input_error_scale={}, input_noise_share={}) for e in experiments]
-    noise = {}
-    for channel, estimate in estimate_noise_from_residuals(plain, residuals).items():
-        if channel not in data.noise:
-            continue
-        noise[channel] = estimate._replace(std=max(estimate.std, data.noise[channel].std))
-    experiments_once = []
-    for members in group_repeats(plain).values():
-        counted: set[str] = set()
-        for e in sorted((plain[index] for index in members), key=_count_samples, reverse=True):
-            new = {channel: series for channel, series in e.measured.items() if channel not in counted}
-            if new:
-                experiments_once.append(e if len(new) == len(e.measured) else replace(e, measured=new))
-                counted |= new.keys()
-    return WeightedData(data.simulator, experiments_once, noise, data.cache, has_law_error=True)
-
-
-def _count_samples(experiment: Experiment) -> int:
-    return sum(len(series.time) for series in experiment.measured.values())

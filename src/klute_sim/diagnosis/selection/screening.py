@@ -6,7 +6,7 @@ only by the part that they cannot. A parameter at its bound imitates nothing by 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.diagnosis.data_quality import is_supply_only
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis, Identity
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, linearize
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.types import Array, Mask
@@ -37,7 +37,7 @@ REPROBE_ORTHOGONAL_FRACTION = 0.6
 MIN_ORTHOGONAL_FRACTION = 1e-6
 """Orthogonal fraction of a sensitivity below which an effect counts as imitated by the fitted parameters."""
 SHORTLIST_SIZE = 8
-"""Number of effects that are refitted."""
+"""Number of candidates that are refitted, and of effects, whatever their form and owner, whose best one is."""
 NUMBER_SHORTLIST_SIZE = 3
 """Number of wrong numbers that are refitted beside them."""
 
@@ -141,18 +141,36 @@ def predict_gains(current: Fit, candidates: Sequence[Candidate]) -> list[Candida
 
 def select_best_causes(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
     """Return the best form of each of the ``count`` best causes."""
-    best: dict[Identity, Candidate] = {}
+    return _select_best(candidates, count, lambda term: term.identity)
+
+
+def select_best_effects(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+    """Return the best form and owner of each of the ``count`` best effects, wrong numbers and instrument faults.
+
+    A mechanism has each effect of a device once for all devices and once for each of them.
+    """
+    return _select_best(candidates, count, lambda term: (term.effect, term.channel, term.number))
+
+
+def _select_best(
+    candidates: Sequence[Candidate], count: int, classify: Callable[[EffectTerm], Hashable]
+) -> list[Candidate]:
+    best: dict[Hashable, Candidate] = {}
     for candidate in candidates:
         if candidate.predicted_gain > 0.0:
-            best.setdefault(candidate.term.identity, candidate)
+            best.setdefault(classify(candidate.term), candidate)
     return list(best.values())[:count]
 
 
 def select_shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the best effects, the other forms of the effects of the best three candidates, and the best numbers."""
+    """Return the best candidates, the best one of each of the best effects, other forms of leaders, and numbers.
+
+    The leaders are the best three candidates. Forms and owners of one effect alone could fill the list.
+    """
     leaders = {c.term.identity for c in candidates[:3]}
     effects = [c for c in candidates if not c.term.number]
-    shortlist = {c.term for k, c in enumerate(effects) if k < SHORTLIST_SIZE or c.term.identity in leaders}
+    shortlist = {c.term for c in [*effects[:SHORTLIST_SIZE], *select_best_effects(effects, SHORTLIST_SIZE)]}
+    shortlist |= {c.term for c in effects if c.term.identity in leaders}
     numbers = [c for c in candidates if c.term.number][:NUMBER_SHORTLIST_SIZE]
     return [c for c in candidates if c.term in shortlist or c in numbers]
 
