@@ -166,6 +166,21 @@ def test_bouc_wen_step_integrates_its_equation(
     assert step_bouc_wen(start, displacement, max_stretch, ratio, 1e-3) == pytest.approx(u, abs=2e-7)
 
 
+@settings(deadline=None)
+@given(
+    ratio=st.sampled_from([0.0, 0.8, 1.0]),
+    start=st.floats(-1e-3, 1e-3),
+    displacement=st.floats(-1e-2, 1e-2),
+    exponent=st.floats(-323.0, -3.0),
+)
+def test_vanishing_friction_leaves_a_finite_stretch(
+    ratio: float, start: float, displacement: float, exponent: float
+) -> None:
+    """The pressure of a vented muscle decays to the smallest number that a computer represents."""
+    stretch = step_bouc_wen(start, displacement, 10.0**exponent, ratio, 1e-3)
+    assert abs(stretch) <= max(abs(start), 10.0**exponent)
+
+
 def test_dahl_unloads_on_a_curve_and_equal_constants_on_a_line() -> None:
     start, max_stretch, path = 0.5e-3, 0.6e-3, 0.2e-3
     unloaded = {ratio: step_bouc_wen(start, -path, max_stretch, ratio, 1e-3) for ratio in (0.0, 1.0)}

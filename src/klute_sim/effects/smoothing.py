@@ -10,6 +10,9 @@ friction creeps at about this speed; the forms with an internal state hold it.
 """
 EQUILIBRIUM_TIME_STEP = 1e9
 """Time step after which followers have reached their targets and relaxing sliders have relaxed [s] (assumed)."""
+MIN_BOUC_WEN_STRETCH = 1e-100
+"""Largest stretch of a Bouc-Wen friction below which there is none [m]: the pressure of a vented muscle decays to the
+smallest number that a computer represents, whose reciprocal is infinite."""
 FRICTION_FRACTIONS = (1.0 / 6.0, 2.0 / 6.0, 3.0 / 6.0)
 """Fractions of the friction carried by three Maxwell-slip elements (assumed); their stiffnesses are equal."""
 
@@ -43,9 +46,10 @@ def step_bouc_wen(stretch: float, displacement: float, max_stretch: float, gamma
     ``gamma_ratio`` = gamma / beta in [0, 1]. With 0 it is Dahl's model, ``du/dx = 1 - u sign(dx) / max_stretch`` (Dahl,
     Aerospace Corp. TOR-0158(3107-18)-1, 1968); with 1 it unloads along a straight line. A spring of constant
     stiffness k under the stretch u dissipates ``k u^2 (beta + gamma sign(u dx)) |dx|``, so it is passive for any
-    history of ``max_stretch`` >= 0. After :data:`EQUILIBRIUM_TIME_STEP` it has relaxed.
+    history of ``max_stretch`` >= 0. After :data:`EQUILIBRIUM_TIME_STEP` it has relaxed, and up to
+    :data:`MIN_BOUC_WEN_STRETCH` there is none.
     """
-    if dt >= EQUILIBRIUM_TIME_STEP or max_stretch <= 0.0:
+    if dt >= EQUILIBRIUM_TIME_STEP or max_stretch <= MIN_BOUC_WEN_STRETCH:
         return 0.0
     if displacement == 0.0:
         return stretch
