@@ -149,13 +149,15 @@ def prepare_zero_order_hold(
 def _fit_gauges_and_supply(prepared: Preparation) -> Preparation:
     """Return ``prepared`` with a fit of its pressures with gains and zeros of all gauges, a dead time and a lag.
 
-    Of the uncertain numbers, only those of the supply are fitted; the pressure hardly depends on others.
+    A dead time or a lag that the device file declares stays as it is. Of the uncertain numbers, only those of the
+    supply are fitted; the pressure hardly depends on others.
     """
     data, device = prepared.data, prepared.base_fit.hypothesis
     pressures = replace(data, noise=select_pressure_noise(data), cache=None)
     supply = tuple((key, std) for key, std in device.uncertainties if key.rpartition("/")[2].startswith("supply."))
     gauges = (EffectTerm(effect, "linear", name) for name in pressures.noise for effect in GAUGE_EFFECTS)
-    hypothesis = replace(device, uncertainties=supply, registration=(), terms=(*device.terms, *gauges, *SUPPLY_TERMS))
+    delays = (term for term in SUPPLY_TERMS if device.device.spec.can_add_effect(term.effect_definition))
+    hypothesis = replace(device, uncertainties=supply, registration=(), terms=(*device.terms, *gauges, *delays))
     return prepared._replace(base_fit=fit_hypothesis(pressures, hypothesis, max_nfev=SUPPLY_FIT_MAX_NFEV))
 
 
