@@ -120,6 +120,7 @@ def test_groups_of_other_specimens_do_not_validate(monkeypatch: pytest.MonkeyPat
     )
     monkeypatch.setattr(WeightedData, "compute_residuals", lambda self, *_, **__: [[]])
     monkeypatch.setattr(WeightedData, "weight_residuals", lambda self, _: np.ones(2))
+    monkeypatch.setattr("klute_sim.diagnosis.selection.validation._differ", lambda *_: True)
     before = make_fit(Hypothesis(NOMINAL, (), ()), np.zeros(0))
     after = make_fit(before.hypothesis.with_term(make_term("C", 150.0)), np.zeros(1))
     assert search.compute_validation_gains(before, after) == {"2": 0.0, "4": 0.0}

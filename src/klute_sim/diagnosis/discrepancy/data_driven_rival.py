@@ -19,12 +19,13 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.bounds import refine_effects
 from klute_sim.diagnosis.selection.candidates import acts_on_pressure
-from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.main_effect import list_rivals_of_step
 from klute_sim.diagnosis.selection.naming import find_implausible_number, find_naming_obstacle, list_kinds
 from klute_sim.diagnosis.selection.pair_screening import has_adequate_pair
 from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
 from klute_sim.diagnosis.selection.robustness import MAX_EXCESS_FRACTION, EquivalentModel
+from klute_sim.diagnosis.selection.validation import MAX_VALIDATION_LOSS
 
 DECISIVE_MARGIN = 3.0
 """Margin of a data-driven term over names, in thresholds of BIC, from which no search for other names is worth its time

@@ -29,7 +29,12 @@ from klute_sim.diagnosis.selection.nested_forms import restart_nested_forms
 from klute_sim.diagnosis.selection.refits import refit_with_replacement, refit_without_term
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates, select_shortlist
 from klute_sim.diagnosis.selection.selection_step import SelectionStep
-from klute_sim.diagnosis.selection.validation import compute_validation_chi2, select_validation_data
+from klute_sim.diagnosis.selection.validation import (
+    MAX_VALIDATION_LOSS,
+    MIN_VALIDATION_GAIN,
+    compute_validation_chi2,
+    select_validation_data,
+)
 from klute_sim.types import Array
 
 BIC_THRESHOLD = 6.0
@@ -37,11 +42,6 @@ BIC_THRESHOLD = 6.0
 90, 773-795."""
 MAX_EFFECTS = 3
 """Maximum number of added effects (assumed)."""
-MIN_VALIDATION_GAIN = 0.05
-"""Minimum relative fall of chi squared on validation trials (assumed: about that of an effect of a quarter of the
-noise)."""
-MAX_VALIDATION_LOSS = 0.02
-"""Maximum relative rise of chi squared in one group of validation trials (assumed)."""
 NO_MISFIT_GAIN_FACTOR = 2.0
 """Factor of the minimum validation gain where repeats show no misfit (assumed)."""
 MIN_FAULT_CHI2_FALL = 12.0
@@ -338,7 +338,7 @@ class ForwardSelection:
                 f"{term} explains less than {100.0 * MIN_FURTHER_GAIN_FRACTION:g} % of what the effects before it do, "
                 "no more than errors of the simulation might"
             )
-        has_trials = bool(select_validation_data(self.validation_data, after))
+        has_trials = bool(select_validation_data(self.validation_data, before, after))
         trials = "validation trials" if has_trials else "the fitted groups, each left out in turn,"
         losses = [f"'{group}' by {-100 * g:.1f} %" for group, g in validation_gains.items() if g < -MAX_VALIDATION_LOSS]
         if losses:

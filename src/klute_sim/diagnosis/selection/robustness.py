@@ -10,10 +10,11 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.bounds import extend_at_bound, has_value_at_bound, refine_effects, simplify_at_bound
 from klute_sim.diagnosis.selection.candidates import list_further_terms
-from klute_sim.diagnosis.selection.forward_selection import MAX_VALIDATION_LOSS, ForwardSelection
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_implausible_number, find_naming_obstacle
 from klute_sim.diagnosis.selection.refits import refit_without_term
 from klute_sim.diagnosis.selection.screening import screen_candidates, select_shortlist
+from klute_sim.diagnosis.selection.validation import MAX_VALIDATION_LOSS
 from klute_sim.types import ProgressCallback
 
 MAX_REPLACEMENTS = 5
