@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from klute_sim.datasets.trial import TimeSeries, Trial
+from klute_sim.diagnosis import remarks
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
@@ -16,10 +17,12 @@ from klute_sim.diagnosis.remarks import (
     describe_excessive_commands,
     describe_length_zero,
     describe_quantization,
+    describe_reference_diameter,
     describe_refitted_numbers,
     describe_tested_candidates,
     describe_tolerance,
     describe_undetermined_parameters,
+    describe_untested_numbers,
 )
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from tests.diagnosis.synthetic_dataset import make_repeats
@@ -54,6 +57,27 @@ def test_twins_of_a_wrong_zero_of_the_length_are_told() -> None:
     (sentence,) = describe_length_zero([trial], fits)
     assert f"looks like {SLACK} and tendon_slack in every reading" in sentence
     assert describe_length_zero([trial], [make_fit(Hypothesis(NOMINAL, (), (), (leak,)), np.zeros(2))]) == []
+
+
+def test_numbers_of_declared_effects_that_are_not_uncertain_are_told() -> None:
+    device = NOMINAL.with_effect("braid_hysteresis", form="coulomb", slope_n_per_bar=8.0)
+    device = device.with_effect("pressure_lag", form="first_order", time_constant_s=0.03)
+    lag, slope = "effects.pressure_lag.time_constant_s", "effects.braid_hysteresis.slope_n_per_bar"
+    (sentence,) = describe_untested_numbers(make_fit(Hypothesis(device, ((slope, 4.0),), ()), np.zeros(1)))
+    assert f"wrong one: {lag}. List them under [uncertain]" in sentence
+    both = Hypothesis(device, ((slope, 4.0), (lag, 0.01)), ())
+    assert describe_untested_numbers(make_fit(both, np.zeros(2))) == []
+    assert describe_untested_numbers(make_fit(Hypothesis(NOMINAL, (), ()), np.zeros(0))) == []
+
+
+def test_diameter_that_parameters_refer_to_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    threshold, leak = EffectTerm("threshold_pressure", "constant"), EffectTerm("leak", "orifice")
+    (sentence,) = describe_reference_diameter(make_fit(Hypothesis(NOMINAL, (), (), (threshold,)), np.zeros(1)))
+    diameter = 2e3 * NOMINAL.parameters.muscle.bladder_radius
+    assert f"of {diameter:.3g} mm a threshold pressure is {10.0 / diameter:.3g} times as high" in sentence
+    assert describe_reference_diameter(make_fit(Hypothesis(NOMINAL, (), (), (leak,)), np.zeros(2))) == []
+    monkeypatch.setattr(remarks, "REFERENCE_DIAMETER", 1.01e-3 * diameter)
+    assert describe_reference_diameter(make_fit(Hypothesis(NOMINAL, (), (), (threshold,)), np.zeros(1))) == []
 
 
 def test_choice_of_candidates_is_repeated() -> None:

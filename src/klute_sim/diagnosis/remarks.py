@@ -13,6 +13,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.noise.misfit import is_significant
 from klute_sim.diagnosis.noise.quantization import MAX_DITHER, MIN_DITHER, Quantizer
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.effects.families.muscle.threshold_pressure import REFERENCE_DIAMETER
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
@@ -28,6 +29,10 @@ HIGH_COMMAND_PERCENTILE = 99.0
 """Percentile of the commands of a trial that is compared with the supply; a spike in a log is higher (assumed)."""
 CONFOUNDED_WITH_LENGTH_ZERO = frozenset({"tendon_slack", "tendon.slack_length_mm"})
 """Effect and number that a wrong zero of the length imitates exactly."""
+EFFECTS_OF_REFERENCE_DIAMETER = frozenset({"threshold_pressure", "passive_tension"})
+"""Effects whose parameters are stated for a bladder of :data:`REFERENCE_DIAMETER`."""
+MIN_DIAMETER_DIFFERENCE = 0.02
+"""Relative difference of a diameter from :data:`REFERENCE_DIAMETER` from which on the reasons state it (assumed)."""
 MAX_COMMAND_RATIO = 1.02
 """Largest ratio of a command to the pressure of the supply that is no reason for a remark (assumed: a calibration)."""
 
@@ -86,6 +91,40 @@ def describe_length_zero(trials: Sequence[Trial], fits: Iterable[Fit]) -> list[s
     return [
         f"A wrong zero of the prescribed 'length' looks like {' and '.join(sorted(names))} in every reading: check the "
         "zero of the machine before you correct the device."
+    ]
+
+
+def describe_untested_numbers(fit: Fit) -> list[str]:
+    """Return a sentence about the numbers of effects in the device file that no fit could change; none without any.
+
+    Effects that a device has already are no candidates, so another effect may be named in place of a wrong number.
+    """
+    uncertain = {key.rpartition("/")[2] for key, _ in fit.hypothesis.uncertainties}
+    declared = [
+        f"effects.{name}.{key}"
+        for name, values in fit.hypothesis.device.spec.effects.items()
+        for key, value in values.items()
+        if not isinstance(value, str)
+    ]
+    untested = [key for key in declared if key not in uncertain]
+    if not untested:
+        return []
+    return [
+        f"These numbers of the device file were not tested, and another name may stand for a wrong one: "
+        f"{', '.join(untested)}. List them under [uncertain] to fit them."
+    ]
+
+
+def describe_reference_diameter(fit: Fit) -> list[str]:
+    """Return a sentence where fitted effects are stated for a bladder of another diameter than that of the device."""
+    names = sorted({term.effect for term in fit.hypothesis.terms} & EFFECTS_OF_REFERENCE_DIAMETER)
+    diameter = 2.0 * fit.hypothesis.device.parameters.muscle.bladder_radius
+    if not names or abs(diameter / REFERENCE_DIAMETER - 1.0) < MIN_DIAMETER_DIFFERENCE:
+        return []
+    return [
+        f"The parameters of {' and '.join(names)} are those of a bladder of {1e3 * REFERENCE_DIAMETER:g} mm. In this "
+        f"muscle of {1e3 * diameter:.3g} mm a threshold pressure is {REFERENCE_DIAMETER / diameter:.3g} times as high, "
+        f"and a passive tension {diameter / REFERENCE_DIAMETER:.3g} times."
     ]
 
 

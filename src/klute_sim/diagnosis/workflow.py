@@ -66,10 +66,12 @@ from klute_sim.diagnosis.remarks import (
     describe_length_zero,
     describe_mounting_error,
     describe_quantization,
+    describe_reference_diameter,
     describe_refitted_numbers,
     describe_tested_candidates,
     describe_tolerance,
     describe_undetermined_parameters,
+    describe_untested_numbers,
 )
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.candidates import (
@@ -177,11 +179,12 @@ def _run_workflow(
         zip(names, fit.values, selected.confidence_intervals, strict=True), dict(fit.hypothesis.registration)
     )
     if selected.verdict != "nothing-missing":
-        reasons += describe_condition_registration(data, base_fit)
+        reasons += [*describe_condition_registration(data, base_fit), *describe_untested_numbers(fit)]
     if selected.verdict == "unexplained":
         reasons += describe_condition_zeros(data, base_fit)
     reasons[:0] = filter(None, [suspect_absolute_pressures(dataset.trials, fit)])  # it would make all others void
     reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit)]
+    reasons += describe_reference_diameter(fit)
     reasons += describe_mounting_error(fit) if dataset.rig == "gait" else []
     reasons += describe_length_zero(dataset.trials, [fit, *(model.fit for model in selected.equivalent_models)])
     if dataset.tolerance:
