@@ -39,6 +39,8 @@ def test_group_tells_about_an_effect_that_changes_its_readings(
     experiment = SimpleNamespace(group="held", specimen=None)
     group = WeightedData(Simulator(1), [experiment], {})
     assert select_validation_data([group], *fits) == ([group] if is_informative else [])
+    ten, less = (replace(fit, weighted_residuals=np.array([x])) for fit, x in zip(fits, (10.0, 9.8), strict=True))
+    assert select_validation_data([group], ten, less) == [group]  # the fitted trials tell as little
 
 
 def test_fitted_groups_are_left_out_where_no_validation_group_tells(monkeypatch: pytest.MonkeyPatch) -> None:

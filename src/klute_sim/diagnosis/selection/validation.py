@@ -36,14 +36,14 @@ def select_validation_data(validation_data: Sequence[WeightedData], before: Fit,
     """Return those groups of ``validation_data`` that tell about the last term of ``after``.
 
     Only groups of its specimen tell anything about a number of one specimen. Nor do groups where the readings of both
-    fits hardly differ: friction does nothing while the muscle is held. ``before`` is without the term.
+    fits hardly differ: friction does nothing while the muscle is held. A term that explains little of the fitted trials
+    explains as little of any group. ``before`` is without the term.
     """
     specimen = _get_last_specimen(after)
-    return [
-        group
-        for group in validation_data
-        if specimen in (None, group.experiments[0].specimen) and _differ(group, before, after)
-    ]
+    groups = [group for group in validation_data if specimen in (None, group.experiments[0].specimen)]
+    if after.chi2 > (1.0 - MIN_VALIDATION_GAIN) * before.chi2:
+        return groups
+    return [group for group in groups if _differ(group, before, after)]
 
 
 def _differ(data: WeightedData, before: Fit, after: Fit) -> bool:
