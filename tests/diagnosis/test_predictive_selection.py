@@ -453,20 +453,24 @@ def test_noise_has_the_weights_of_the_errors() -> None:
 
 def test_forms_that_contain_that_of_a_leading_single_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     """A Coulomb friction that takes nearly as much as the best effect may be a Stribeck friction that takes more."""
-    monkeypatch.setattr(predictive_selection, "refit_with_containing_forms", lambda data, fit, term, **_: [term])
-    terms = [
-        EffectTerm("braid_hysteresis", "coulomb"),
-        EffectTerm("seal_friction", "coulomb"),
-        EffectTerm("end_taper", "cone"),
-    ]
-    singles = [
-        replace(make_fit((term,)), weighted_residuals=np.array([np.sqrt(chi2)]))
-        for term, chi2 in zip(terms, (10.0, 18.0, 40.0), strict=True)
-    ]
+
+    def make_single(term: EffectTerm, chi2: float) -> Fit:
+        return replace(make_fit((term,)), weighted_residuals=np.array([np.sqrt(chi2)]))
+
+    braid = EffectTerm("braid_hysteresis", "coulomb")
+    singles = [make_single(braid, 10.0), make_single(FRICTION, 18.0), make_single(TAPER, 40.0)]
+    refits = {
+        FRICTION: make_single(FRICTION._replace(form="stribeck"), 2.0),
+        braid: make_single(braid._replace(form="maxwell_slip"), 9.9),  # it does not pay for its parameter
+    }
+    monkeypatch.setattr(
+        predictive_selection, "refit_with_containing_forms", lambda data, fit, term, **_: [refits[term]]
+    )
+    monkeypatch.setattr(WeightedData, "n_effective", 100.0)
     base = replace(make_fit(()), weighted_residuals=np.array([10.0]))
     selection = object.__new__(PredictiveSelection)
     selection.data = WeightedData(Simulator(1), [], {})
-    assert selection._refit_leading_forms(base, singles) == terms[:2]
+    assert selection._refit_leading_forms(base, singles) == [refits[FRICTION]]
     assert selection._refit_leading_forms(base, []) == []
 
 

@@ -179,13 +179,17 @@ class PredictiveSelection:
         return [complete_fit(self.data, fit) for fit in fits]
 
     def _refit_leading_forms(self, base_fit: Fit, singles: Sequence[Fit]) -> list[Fit]:
-        """Return fits of the forms that contain those of the leading ``singles``: causes may differ by less."""
-        best_gain = max((base_fit.chi2 - fit.chi2 for fit in singles), default=np.inf)
+        """Return fits of the forms that contain those of the leading ``singles``, and have a lower BIC.
+
+        Causes may differ by less than the forms of one.
+        """
+        n, best_gain = self.data.n_effective, max((base_fit.chi2 - fit.chi2 for fit in singles), default=np.inf)
         leading = [fit for fit in singles if base_fit.chi2 - fit.chi2 >= MIN_LEADING_GAIN_FRACTION * best_gain]
         return [
             refit
             for fit in leading
             for refit in refit_with_containing_forms(self.data, fit, fit.hypothesis.terms[-1], is_fine=False)
+            if refit.bic(n) < fit.bic(n)
         ]
 
     def _extend(self, current: Fit, terms: Sequence[EffectTerm], fits: dict[frozenset[EffectTerm], Fit]) -> None:
