@@ -104,7 +104,7 @@ def test_missing_effect_does_not_move_the_cutoff(tmp_path: Path, simulator: Simu
     assert after is before
 
 
-@pytest.mark.parametrize("force_gain", [1.0, 1.05])
+@pytest.mark.parametrize("force_gain", [pytest.param(1.0, marks=pytest.mark.slow), 1.05])
 @pytest.mark.parametrize(("is_aligned", "sentence_end"), [(False, "has their delay, too."), (True, "were subtracted.")])
 def test_signals_show_the_delay(
     tmp_path: Path, simulator: Simulator, force_gain: float, is_aligned: bool, sentence_end: str

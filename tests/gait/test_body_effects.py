@@ -120,7 +120,7 @@ def test_replay_agrees_with_mujoco(effect: Effect, form: EffectForm) -> None:
     assert without > 3.0 * off
 
 
-@pytest.mark.parametrize("name", ["dynamic-response-low", "sach+shoe"])
+@pytest.mark.parametrize("name", [pytest.param("dynamic-response-low", marks=pytest.mark.slow), "sach+shoe"])
 def test_replay_agrees_with_mujoco_on_a_prosthetic_foot(name: str) -> None:
     device = PLAIN.with_foot(name)
     off, without = replay_gait_run(device, (build_device_foot(device), FOOT))

@@ -67,7 +67,7 @@ def imitate(trial: Trial, effects: str) -> Trial:
 
 
 @pytest.mark.parametrize(
-    "seconds", [-0.02, pytest.param(0.015, marks=pytest.mark.slow), pytest.param(0.05, marks=pytest.mark.slow), 0.3]
+    "seconds", [-0.02, *(pytest.param(seconds, marks=pytest.mark.slow) for seconds in (0.015, 0.05, 0.3))]
 )
 @pytest.mark.parametrize("channels", [("force", "ankle_angle"), ("force", "muscle_length")])
 def test_delay_of_the_plate_is_measured(walk: Trial, seconds: float, channels: tuple[str, ...]) -> None:
