@@ -58,7 +58,7 @@ from klute_sim.diagnosis.selection.screening import (
 from klute_sim.types import Array, Mask
 
 MAX_SINGLES, MAX_PAIRS, MAX_TRIPLES = 6, 6, 4
-"""Largest number of causes, effects, pairs and triples that are fitted."""
+"""Largest number of single causes (and of effects, whatever their owner), of pairs and of triples that are fitted."""
 COMPARISON_MAX_NFEV = (5,)
 """Maximum number of function evaluations of the fits that are compared first."""
 MAX_LEADING, MAX_FINISHED = 4, 8
