@@ -2,7 +2,7 @@
 
 A busy machine must not fail a test, and a change must not fail by examples that only its run drew;
 ``--hypothesis-profile random`` draws new examples. One worker builds the compiled code first, which takes a minute of a
-fresh machine; the others meanwhile run files that need none, and then find it on disk.
+fresh machine; the others meanwhile run folders that need hardly any, and then find it on disk.
 """
 
 from collections.abc import Callable, Iterable
@@ -18,6 +18,7 @@ hypothesis.settings.load_profile("repeatable")
 
 FIRST_FILE = "device/test_compilation.py"
 FOLDERS_WITHOUT_COMPILATION = ("laws", "sizing", "comparison", "controllers", "recording", "mocap", "plausibility")
+"""Folders whose tests compile nothing; of the last two, three files do, which run late enough."""
 TESTS = Path(__file__).parent
 
 
