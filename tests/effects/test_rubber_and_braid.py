@@ -156,6 +156,7 @@ def test_bouc_wen_step_integrates_its_equation(
 ) -> None:
     """Against many explicit midpoint steps of ``du/dx = 1 - |u| (beta sign(u dx) + gamma)``."""
     beta, n = 1.0 / (max_stretch * (1.0 + ratio)), 4000
+    start = min(max(start, -max_stretch), max_stretch)
     u, dx = start, displacement / n
 
     def slope(u: float) -> float:
@@ -179,6 +180,22 @@ def test_vanishing_friction_leaves_a_finite_stretch(
     """The pressure of a vented muscle decays to the smallest number that a computer represents."""
     stretch = step_bouc_wen(start, displacement, 10.0**exponent, ratio, 1e-3)
     assert abs(stretch) <= max(abs(start), 10.0**exponent)
+
+
+@settings(deadline=None)
+@given(
+    ratio=st.sampled_from([0.0, 0.8, 1.0]),
+    start=st.floats(-2e-3, 2e-3),
+    displacement=st.floats(-5e-3, 5e-3) | st.just(0.0),
+    max_stretch=st.floats(1e-5, 1e-3),
+)
+def test_friction_slips_where_less_pressure_holds_it(
+    ratio: float, start: float, displacement: float, max_stretch: float
+) -> None:
+    stretch = step_bouc_wen(start, displacement, max_stretch, ratio, 1e-3)
+    assert abs(stretch) <= max_stretch * (1.0 + 1e-12)
+    if displacement == 0.0 and abs(start) <= max_stretch:
+        assert stretch == start
 
 
 def test_dahl_unloads_on_a_curve_and_equal_constants_on_a_line() -> None:

@@ -46,14 +46,15 @@ def step_bouc_wen(stretch: float, displacement: float, max_stretch: float, gamma
     ``gamma_ratio`` = gamma / beta in [0, 1]. With 0 it is Dahl's model, ``du/dx = 1 - u sign(dx) / max_stretch`` (Dahl,
     Aerospace Corp. TOR-0158(3107-18)-1, 1968); with 1 it unloads along a straight line. A spring of constant
     stiffness k under the stretch u dissipates ``k u^2 (beta + gamma sign(u dx)) |dx|``, so it is passive for any
-    history of ``max_stretch`` >= 0. After :data:`EQUILIBRIUM_TIME_STEP` it has relaxed, and up to
-    :data:`MIN_BOUC_WEN_STRETCH` there is none.
+    history of ``max_stretch`` >= 0. Where this falls, as under a falling pressure, the friction slips: ``|u|`` never
+    exceeds it. After :data:`EQUILIBRIUM_TIME_STEP` it has relaxed, and up to :data:`MIN_BOUC_WEN_STRETCH` there is
+    none.
     """
     if dt >= EQUILIBRIUM_TIME_STEP or max_stretch <= MIN_BOUC_WEN_STRETCH:
         return 0.0
+    path, size = abs(displacement), min(abs(stretch), max_stretch)
     if displacement == 0.0:
-        return stretch
-    path, size = abs(displacement), abs(stretch)
+        return math.copysign(size, stretch)
     if stretch < 0.0 < displacement or displacement < 0.0 < stretch:  # their product could underflow
         # Unloading: d|u| = -(1 + (beta - gamma) |u|) |dx| until u = 0.
         rate = (1.0 - gamma_ratio) / ((1.0 + gamma_ratio) * max_stretch)
