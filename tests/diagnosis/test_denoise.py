@@ -70,6 +70,18 @@ def test_hold_becomes_a_constant(is_even: bool) -> None:
         assert np.abs(denoised - truth)[inside].mean() < 0.003
 
 
+@pytest.mark.parametrize("deviation", [0.004, 0.006, 0.012])
+def test_hold_of_a_coarse_display_becomes_a_constant(deviation: float) -> None:
+    """Its noise has few values. A friction would lose its force by the motion that is left."""
+    rng = np.random.default_rng(8)
+    truth = make_ramp(20.0)
+    value = np.round(truth + rng.normal(0.0, deviation, len(TIME)), 2)
+    denoised = denoise(TIME, value)
+    for is_held in (TIME < 1.9, (TIME > 3.1) & (TIME < 5.9)):
+        assert np.ptp(denoised[is_held]) < 0.001
+        assert np.abs(denoised - truth)[is_held].mean() < 0.002
+
+
 def test_slow_ramp_is_no_hold() -> None:
     value = 330.0 + 0.2 * TIME + np.random.default_rng(4).normal(0.0, 0.01, len(TIME))
     assert np.mean(np.diff(denoise(TIME, value)) == 0.0) < 0.05

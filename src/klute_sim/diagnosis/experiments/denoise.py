@@ -18,6 +18,11 @@ from scipy.signal import savgol_filter
 from klute_sim.mask_runs import find_runs
 from klute_sim.types import Array, Mask
 
+NORMAL_MEDIAN = 0.6745
+"""Median of the size of a normally distributed number, in standard deviations."""
+MAX_COARSE_STEPS, MAX_DISPLAY_STEPS = 2.0, 8.0
+"""Largest median of third differences of a coarse display, and largest size that counts as noise, in its steps
+(assumed)."""
 WINDOW_SIZES = (5, 9, 17, 33)
 """Odd numbers of samples, to which parabolas are fitted (Savitzky and Golay, 1964)."""
 HOLD_WINDOW = 17
@@ -53,7 +58,8 @@ def estimate_white_noise(time: Array, value: Array) -> float:
     """Return the standard deviation of white noise in ``value`` (n,) at ``time`` [s] (n,), in the unit of ``value``.
 
     From third divided differences, which a parabola does not change however it is sampled. The median makes it robust
-    against occasional fast movements. Returns 0 for a signal without noise, or one with too few digits to tell.
+    against occasional fast movements, and is interpolated between the few values that the differences of a coarse
+    display have. Returns 0 for a signal without noise, or one with too few digits to tell.
     """
     if len(value) < 4:
         return 0.0
@@ -63,7 +69,30 @@ def estimate_white_noise(time: Array, value: Array) -> float:
     weights = 1.0 / differences.prod(axis=1)
     third = sum(weight * value[k : len(value) - 3 + k] for k, weight in enumerate(weights))
     scaled = np.abs(third) / np.sqrt((weights**2).sum(axis=0))
-    return float(np.median(scaled) / 0.6745)
+    return _compute_median_size(scaled) / NORMAL_MEDIAN
+
+
+def _compute_median_size(sizes: Array) -> float:
+    """Return the median of ``sizes`` >= 0, (n,), of differences of a normal distribution; 0 where most are 0.
+
+    A median of a coarse display would jump by a whole step. So each size is spread evenly as far as half way to the
+    next other one. Up to :data:`MAX_COARSE_STEPS` steps, the median is that of a distribution with the same root mean
+    square, in which sizes beyond :data:`MAX_DISPLAY_STEPS` steps count as these.
+    """
+    largest = float(sizes.max())
+    if largest == 0.0:
+        return 0.0
+    digits = np.round(sizes / largest, 9)  # equal differences of a display differ in their last bits
+    if np.median(digits) == 0.0:
+        return 0.0
+    values, counts = np.unique(digits, return_counts=True)
+    edges = np.concatenate([[0.0], 0.5 * (values[1:] + values[:-1]), values[-1:]])
+    cumulated = np.concatenate([[0.0], np.cumsum(counts)])
+    median = float(np.interp(0.5 * len(sizes), cumulated, edges))
+    step = float(values[values > 0.0][0])
+    if median <= MAX_COARSE_STEPS * step:
+        median = NORMAL_MEDIAN * float(np.sqrt(np.mean(np.minimum(digits, MAX_DISPLAY_STEPS * step) ** 2)))
+    return largest * median
 
 
 def denoise(time: Array, value: Array) -> Array:
