@@ -97,7 +97,7 @@ def test_form_at_its_bound_becomes_one_that_contains_it(
 def test_form_that_no_other_contains_stays_at_its_bound(prepared: tuple[WeightedData, Fit]) -> None:
     hypothesis = prepared[1].hypothesis.with_term(ASYMMETRIC)
     x = np.where([p.name == "critical_ratio" for p in hypothesis.parameters], hypothesis.bounds()[1], 0.5)
-    at_bound = Fit(hypothesis, x, np.zeros(1), np.zeros((1, len(x))), True, [])
+    at_bound = Fit(hypothesis, x, np.zeros(1), np.ones((1, len(x))), True, [])
     assert find_terms_at_bound(at_bound) == [ASYMMETRIC]
     assert bounds.extend_at_bound(prepared[0], at_bound) is None
 

@@ -9,7 +9,7 @@ from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.dependent_numbers import limit_to_valid
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter, Hypothesis
-from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.least_squares import COST_TOLERANCE, Fit
 from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, KEYS_WITHOUT_UPPER_LIMIT
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import has_misfit
@@ -38,6 +38,8 @@ MAX_NUMBER_SIGMAS = 3.0
 """Error of a number, in plausible errors, up to which it may be the only name, or the first of equivalent ones
 (assumed: a larger one is rarer than an effect that is in no catalogue; simulated numbers were wrong by up to three, and
 those that two thick walls imitated by 3.4 and 3.7)."""
+PLATEAU_LOG_STEP = math.log(1.5)
+"""Relative distance from a bound, as a logarithm, at which chi squared is compared with that at the bound (assumed)."""
 MIN_SIGMAS_AT_LIMIT = 2.95
 """Error of an uncertain number, in standard deviations, from which on it is at the limit of its uncertainty, which is
 :data:`~klute_sim.diagnosis.fitting.hypothesis.PRIOR_BOUND_SIGMAS` (assumed: a fit may stop just short of it)."""
@@ -185,17 +187,34 @@ def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter
     """Yield term, parameter and normalized bound of each parameter of a term that is at its bound.
 
     A limit of physics, such as the exponent of an isothermal change or a bladder as wide as its braid, is a value like
-    others. So is the upper bound of the rate of a supply: the data do not show how much faster it is.
+    others. So is the upper bound of the rate of a supply: the data do not show how much faster it is. Nor does a bound
+    count whose neighbourhood the data do not tell from it.
     """
     hypothesis = fit.hypothesis
     for index, bound in fit.find_bounds_reached().items():
         parameter = hypothesis.parameters[index]
-        if parameter.term_index is None:
+        if parameter.term_index is None or _is_undetermined_at_bound(fit, index, bound):
             continue
         term = hypothesis.terms[parameter.term_index]
         limits = _list_admissible_limits(hypothesis, term, parameter)
         if not any(math.isclose(parameter.denormalize(bound), limit) for limit in limits):
             yield term, parameter, bound
+
+
+def _is_undetermined_at_bound(fit: Fit, index: int, bound: float) -> bool:
+    """Return whether the shape parameter at ``index`` could be well inside its ``bound``, as far as the data show.
+
+    The last digits of a computer decide where on a plateau of chi squared a fit ends: there it changes by less than the
+    accuracy of a fit. It is taken to change as the Jacobian says.
+    """
+    parameter = fit.hypothesis.parameters[index]
+    if not parameter.is_logarithmic:
+        return False
+    lower, upper = parameter.bounds
+    step = min(PLATEAU_LOG_STEP, 0.5 * (upper - lower)) * (1.0 if bound == lower else -1.0)
+    change = step * fit.jacobian[:, index]
+    rise = float(2.0 * change @ fit.weighted_residuals + change @ change)
+    return abs(rise) < COST_TOLERANCE * fit.chi2
 
 
 def _list_admissible_limits(hypothesis: Hypothesis, term: EffectTerm, parameter: FitParameter) -> tuple[float, ...]:
