@@ -67,14 +67,14 @@ def test_misfit_size_is_that_beyond_the_noise_in_the_worst_channel() -> None:
     assert measure_misfit_size({}) == 0.0
 
 
-def test_size_of_what_the_test_trials_do_not_show_is_over_the_noise_of_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The base fit of an imperfect law has other weights than the independent samples belong to."""
+def test_size_of_what_the_test_trials_do_not_show_is_that_in_the_fitted_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every sample counts alike, and channels without noise do not count."""
     monkeypatch.setattr(probability, "collect_evidence", lambda _: {})
+    before, after = ([{"force": np.full(4, size), "angle": np.ones(4)}, {}] for size in (5.0, 4.0))
     diagnosis = SimpleNamespace(
         **{"verdict": "identified-in-part", "held_out": "not-tested", "has_repeats": True, "channel_rms": {}},
-        **{"added_terms": ("a term",), "final_fit": "a fit", "base_fit": SimpleNamespace(chi2=7.0)},
-        n_independent=100.0,
-        selection_history=[SimpleNamespace(initial_fit=SimpleNamespace(chi2=1000.0))],
+        **{"added_terms": ("a term",), "noise": {"force": SimpleNamespace(std=1.0)}},
+        **{"base_fit": SimpleNamespace(residuals=before), "final_fit": SimpleNamespace(residuals=after)},
     )
     probabilities = probability.estimate_probabilities(cast(Any, diagnosis))
     assert probabilities is not None

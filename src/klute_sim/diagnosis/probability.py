@@ -53,9 +53,7 @@ def estimate_probabilities(diagnosis: Diagnosis) -> Probabilities | None:
     calibration = load_calibration()
     size = measure_misfit_size(diagnosis.channel_rms)
     if diagnosis.added_terms and diagnosis.held_out == "not-tested":
-        # The test trials do not show what is missing. The base fit may be weighted by the error of the law.
-        chi2 = diagnosis.selection_history[0].initial_fit.chi2
-        size = max(size, float(np.sqrt(max(0.0, chi2 / diagnosis.n_independent - 1.0))))
+        size = max(size, measure_effect_size(diagnosis))  # the test trials do not show what is missing
     # What a tolerance permits may be missing all the same.
     is_tolerated = diagnosis.verdict == "nothing-missing" and not diagnosis.selection_history
     features = list_nothing_features("tolerated" if is_tolerated else diagnosis.verdict, size)
@@ -71,6 +69,25 @@ def measure_misfit_size(channel_rms: Mapping[str, ChannelRms]) -> float:
     """Return the misfit without added effects over the noise, in the channel where it is largest; 0 without noise."""
     ratios = [rms.refitted / rms.noise_floor for rms in channel_rms.values() if rms.noise_floor]
     return float(np.sqrt(max([0.0, *(ratio**2 - 1.0 for ratio in ratios)])))
+
+
+def measure_effect_size(diagnosis: Diagnosis) -> float:
+    """Return what the added effects take from the fitted trials, over the noise, in the channel where it is most.
+
+    It is the root of the difference between two mean squares. All samples count alike, those after which inputs are
+    unknown as well.
+    """
+    assert diagnosis.base_fit is not None
+    assert diagnosis.final_fit is not None
+    ratios = [0.0]
+    for channel, noise in diagnosis.noise.items():
+        before, after = (
+            np.concatenate([np.zeros(0), *(row[channel] for row in fit.residuals if channel in row)])
+            for fit in (diagnosis.base_fit, diagnosis.final_fit)
+        )
+        if len(before) and noise.std:
+            ratios.append(float(np.mean(before**2) - np.mean(after**2)) / noise.std**2)
+    return float(np.sqrt(max(ratios)))
 
 
 def list_name_features(verdict: str, margin: float, size: float) -> list[float]:
