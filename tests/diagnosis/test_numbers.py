@@ -15,9 +15,10 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import NUMBER_ERROR_NAME, compute_plausible_error, list_error_candidates
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.candidates import list_contradicted_numbers, list_further_terms
-from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_numbers_at_limit
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_numbers_at_limit, find_terms_at_bound
 from klute_sim.laws.mckibben import compute_braid_radius
 from klute_sim.plausibility.device_numbers import RANGES, check_device_numbers, limit_to_plausible
+from klute_sim.report.diagnosis.text import format_term
 
 NOMINAL = load_device("klute-3-4-pair")
 RADIUS = "muscle.bladder_radius_mm"
@@ -40,10 +41,30 @@ def test_candidates_are_all_numbers_but_counts_zeros_and_the_foot() -> None:
     candidates = list_error_candidates(spec)
     values = spec.collect_values()
     assert "muscle.count" not in candidates
-    assert not [key for key in candidates if key.startswith(("foot.", "effects."))]
+    assert not [key for key in candidates if key.startswith("foot.")]
     assert all(values[key] != 0.0 for key in candidates)
     assert {"tendon.slack_length_mm", "supply.gas_temperature_c", "damper.bore_mm"} <= candidates.keys()
     assert all(error > 0.0 for error in candidates.values())
+
+
+LAGGING = NOMINAL.with_effect("pressure_lag", form="first_order", time_constant_s=0.03)
+TIME_CONSTANT = "effects.pressure_lag.time_constant_s"
+
+
+def test_numbers_of_declared_effects_are_candidates() -> None:
+    """Their words name the effect. At its lower bound, the device has no such effect."""
+    errors = list_error_candidates(LAGGING.with_effect("unknown_pressure", form="sparse", delay_s=0.01).spec)
+    assert [key for key in errors if key.startswith("effects.")] == [TIME_CONSTANT]
+    assert errors[TIME_CONSTANT] == pytest.approx(0.015)
+    term = make_number_term(TIME_CONSTANT)
+    assert format_term(term) == "time constant of the pressure lag"
+    hypothesis = Hypothesis(LAGGING, (), (), (term,))
+    (lower,), (upper,) = hypothesis.bounds()
+    assert find_terms_at_bound(make_fit(hypothesis, np.array([lower]))) == []
+    assert find_terms_at_bound(make_fit(hypothesis, np.array([upper]))) == [term]
+    (setup,) = hypothesis.build_setups(np.array([1.0]), [make_trial(LAGGING)])
+    expected = LAGGING.with_effect("pressure_lag", form="first_order", time_constant_s=0.045)
+    assert setup.parameters == expected.parameters
 
 
 @pytest.mark.parametrize(("key", "may_change_sign"), [("model.site.a.pos_x", True), ("model.geom.a.mass", False)])

@@ -22,7 +22,6 @@ from klute_sim.diagnosis.remarks import (
     describe_tested_candidates,
     describe_tolerance,
     describe_undetermined_parameters,
-    describe_untested_numbers,
 )
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from tests.diagnosis.synthetic_dataset import make_repeats
@@ -57,17 +56,6 @@ def test_twins_of_a_wrong_zero_of_the_length_are_told() -> None:
     (sentence,) = describe_length_zero([trial], fits)
     assert f"looks like {SLACK} and tendon_slack in every reading" in sentence
     assert describe_length_zero([trial], [make_fit(Hypothesis(NOMINAL, (), (), (leak,)), np.zeros(2))]) == []
-
-
-def test_numbers_of_declared_effects_that_are_not_uncertain_are_told() -> None:
-    device = NOMINAL.with_effect("braid_hysteresis", form="coulomb", slope_n_per_bar=8.0)
-    device = device.with_effect("pressure_lag", form="first_order", time_constant_s=0.03)
-    lag, slope = "effects.pressure_lag.time_constant_s", "effects.braid_hysteresis.slope_n_per_bar"
-    (sentence,) = describe_untested_numbers(make_fit(Hypothesis(device, ((slope, 4.0),), ()), np.zeros(1)))
-    assert f"wrong one: {lag}. List them under [uncertain]" in sentence
-    both = Hypothesis(device, ((slope, 4.0), (lag, 0.01)), ())
-    assert describe_untested_numbers(make_fit(both, np.zeros(2))) == []
-    assert describe_untested_numbers(make_fit(Hypothesis(NOMINAL, (), ()), np.zeros(0))) == []
 
 
 def test_diameter_that_parameters_refer_to_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -94,27 +94,6 @@ def describe_length_zero(trials: Sequence[Trial], fits: Iterable[Fit]) -> list[s
     ]
 
 
-def describe_untested_numbers(fit: Fit) -> list[str]:
-    """Return a sentence about the numbers of effects in the device file that no fit could change; none without any.
-
-    Effects that a device has already are no candidates, so another effect may be named in place of a wrong number.
-    """
-    uncertain = {key.rpartition("/")[2] for key, _ in fit.hypothesis.uncertainties}
-    declared = [
-        f"effects.{name}.{key}"
-        for name, values in fit.hypothesis.device.spec.effects.items()
-        for key, value in values.items()
-        if not isinstance(value, str)
-    ]
-    untested = [key for key in declared if key not in uncertain]
-    if not untested:
-        return []
-    return [
-        f"These numbers of the device file were not tested, and another name may stand for a wrong one: "
-        f"{', '.join(untested)}. List them under [uncertain] to fit them."
-    ]
-
-
 def describe_reference_diameter(fit: Fit) -> list[str]:
     """Return a sentence where fitted effects are stated for a bladder of another diameter than that of the device."""
     names = sorted({term.effect for term in fit.hypothesis.terms} & EFFECTS_OF_REFERENCE_DIAMETER)

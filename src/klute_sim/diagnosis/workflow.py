@@ -71,7 +71,6 @@ from klute_sim.diagnosis.remarks import (
     describe_tested_candidates,
     describe_tolerance,
     describe_undetermined_parameters,
-    describe_untested_numbers,
 )
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.candidates import (
@@ -179,7 +178,7 @@ def _run_workflow(
         zip(names, fit.values, selected.confidence_intervals, strict=True), dict(fit.hypothesis.registration)
     )
     if selected.verdict != "nothing-missing":
-        reasons += [*describe_condition_registration(data, base_fit), *describe_untested_numbers(fit)]
+        reasons += describe_condition_registration(data, base_fit)
     if selected.verdict == "unexplained":
         reasons += describe_condition_zeros(data, base_fit)
     reasons[:0] = filter(None, [suspect_absolute_pressures(dataset.trials, fit)])  # it would make all others void

@@ -14,6 +14,8 @@ from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
 from klute_sim.device.schema.document import DeviceSpec
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 
+EFFECTS = "effects."
+"""Beginning of the keys of the numbers of declared effects."""
 NUMBER_ERROR_NAME = "number_error"
 """Name of the cause in verdicts, where an effect has its name in the catalogue."""
 BOUND_SIGMAS = 6.0
@@ -57,6 +59,8 @@ PLAUSIBLE_ERRORS = {
     "supply.dead_volume_cm3": PlausibleError(relative=0.5, source="assumed: tubes and fittings, rarely measured"),
 }
 """``section.key``, of all devices or of one -> plausible error; :data:`DEFAULT_PLAUSIBLE_ERROR` for other keys."""
+_EFFECT_SIZE = PlausibleError(relative=0.5, source="assumed: from another device, or from the literature")
+"""Plausible error of the numbers of effects that a device file declares."""
 KEYS_WITHOUT_UPPER_LIMIT = frozenset({"supply.rate_bar_per_s"})
 """Numbers that may be named at their upper bound: beyond it, a faster supply changes nothing in the data."""
 _DRY_FRICTION = PlausibleError(relative=0.5, source="assumed: depends on load and wear")
@@ -76,12 +80,13 @@ def list_error_candidates(spec: DeviceSpec) -> dict[str, float]:
     """Return ``section.key`` -> plausible error [unit of the key] of each number that may be wrong.
 
     Counts cannot be a little wrong, zeros mean that a part is absent, the numbers of the foot have effects of their
-    own, and those of a cylinder are its stops.
+    own, those of a cylinder are its stops, and a data-driven term is fitted to data.
     """
+    excluded = ("foot.", "cylinder.", f"{EFFECTS}unknown_")
     return {
         key: compute_plausible_error(key, value)
         for key, value in spec.collect_values().items()
-        if isinstance(value, float) and value != 0.0 and not key.startswith(("foot.", "effects.", "cylinder."))
+        if isinstance(value, float) and value != 0.0 and not key.startswith(excluded)
     }
 
 
@@ -105,7 +110,10 @@ def _split_model_name(name: str) -> tuple[str, str]:
 def _find_plausible_error(key: str) -> PlausibleError:
     if is_model_number(key):
         return MODEL_PLAUSIBLE_ERRORS.get(_split_model_name(key), DEFAULT_PLAUSIBLE_ERROR)
-    return PLAUSIBLE_ERRORS.get(key.rpartition(DEVICE_SEPARATOR)[2], DEFAULT_PLAUSIBLE_ERROR)
+    device_key = key.rpartition(DEVICE_SEPARATOR)[2]
+    if device_key.startswith(EFFECTS):
+        return _EFFECT_SIZE
+    return PLAUSIBLE_ERRORS.get(device_key, DEFAULT_PLAUSIBLE_ERROR)
 
 
 def compute_plausible_error(key: str, value: float) -> float:

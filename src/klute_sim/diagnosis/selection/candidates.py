@@ -70,8 +70,8 @@ def _explain_obstacle(name: str, device: Device) -> str:
     """Return why ``device`` cannot lack the effect ``name``; '' where it can."""
     if name in device.spec.effects:
         return (
-            f"device '{device.name}' has effect '{name}' already, so it is not a candidate; remove it from the "
-            f'device file, or list its numbers under [uncertain] (as "effects.{name}.<number>") to refit them'
+            f"device '{device.name}' has effect '{name}' already, so it is not a candidate; remove it from the device "
+            f'file, or test its numbers, named as "effects.{name}.<number>"'
         )
     incompatibility = device.spec.find_incompatibility(name)
     return f"device '{device.name}': {incompatibility}" if incompatibility else ""

@@ -10,7 +10,7 @@ from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.dependent_numbers import limit_to_valid
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import COST_TOLERANCE, Fit
-from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, KEYS_WITHOUT_UPPER_LIMIT
+from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, EFFECTS, KEYS_WITHOUT_UPPER_LIMIT
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import has_misfit
 from klute_sim.effects.families import instrument
@@ -187,8 +187,9 @@ def _iterate_bounds_reached(fit: Fit) -> Iterator[tuple[EffectTerm, FitParameter
     """Yield term, parameter and normalized bound of each parameter of a term that is at its bound.
 
     A limit of physics, such as the exponent of an isothermal change or a bladder as wide as its braid, is a value like
-    others. So is the upper bound of the rate of a supply: the data do not show how much faster it is. Nor does a bound
-    count whose neighbourhood the data do not tell from it.
+    others. So is the upper bound of the rate of a supply: the data do not show how much faster it is. So is the lower
+    bound of a number of a declared effect: the device does not have it. Nor does a bound count whose neighbourhood the
+    data do not tell from it.
     """
     hypothesis = fit.hypothesis
     for index, bound in fit.find_bounds_reached().items():
@@ -225,8 +226,9 @@ def _list_admissible_limits(hypothesis: Hypothesis, term: EffectTerm, parameter:
     half_range = BOUND_SIGMAS * parameter.scale
     bounds = parameter.initial - half_range, parameter.initial + half_range
     valid_limits = limit_to_valid(values, parameter.name, *bounds)
-    upper_bounds = (parameter.upper,) if term.number in KEYS_WITHOUT_UPPER_LIMIT else ()
-    return (*upper_bounds, *(limit for limit in valid_limits if limit not in bounds))
+    open_ends = [parameter.upper] if term.number in KEYS_WITHOUT_UPPER_LIMIT else []
+    open_ends += [parameter.lower] if term.number.startswith(EFFECTS) else []
+    return (*open_ends, *(limit for limit in valid_limits if limit not in bounds))
 
 
 def _is_plausible_instrument(data: WeightedData, fit: Fit, term: EffectTerm, channel: str) -> bool:

@@ -12,6 +12,7 @@ from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.diagnosis.data_quality import find_moving_trials
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
+from klute_sim.diagnosis.fitting.number_error import EFFECTS
 from klute_sim.diagnosis.localization.equation_residuals import (
     EQUATION_UNITS,
     EquationResidual,
@@ -84,7 +85,8 @@ def format_term(term: EffectTerm) -> str:
         name, _, number = rest.rpartition(".")
         return f"{number} of the {element} '{name}'"
     if term.number:
-        section, _, key = term.number.partition(".")
+        section, _, key = term.number.rpartition(".")
+        section = humanize_identifier(section.removeprefix(EFFECTS))
         specimen = f" of specimen '{term.specimen}'" if term.specimen else ""
         return f"{split_key(key)[0]} of the {section}{specimen}"
     form = f" ({humanize_identifier(term.form)})" if len(term.effect_definition.forms) > 1 else ""
