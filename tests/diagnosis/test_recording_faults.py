@@ -18,6 +18,7 @@ from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.recording_faults import (
+    describe_differing_repeats,
     find_copied_pressures,
     find_drifting_repeats,
     limit_buckled_forces,
@@ -63,6 +64,10 @@ def test_few_or_unordered_repeats_are_no_drift() -> None:
     experiments, residuals = make_groups(7, 3, 0.0, 1)
     shifted = [{"force": row["force"] + zero} for row, zero in zip(residuals, zeros.ravel(), strict=True)]
     assert find_drifting_repeats(experiments, shifted) == []
+    (sentence,) = describe_differing_repeats(experiments, shifted)
+    assert sentence.startswith("Repeats of 'force' differ mostly by a constant, ")
+    assert describe_differing_repeats(experiments, residuals) == []
+    assert describe_differing_repeats(experiments[:6], shifted[:6]) == []  # two groups
 
 
 def select(folder: Path) -> tuple[list[Experiment], list[str]]:

@@ -24,9 +24,9 @@ from klute_sim.diagnosis.noise.repeats import (
 )
 from klute_sim.diagnosis.recording_faults import (
     describe_copied_pressures,
+    describe_differing_repeats,
     describe_uncompared_channels,
     find_copied_pressures,
-    find_drifting_repeats,
     limit_buckled_forces,
     limit_forces_at_zero,
 )
@@ -83,7 +83,7 @@ def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simu
     usable, examined, residuals, remarks, problems = clean_data(dataset, experiments, simulator)
     if not examined:
         return UsableData(usable, [], remarks, problems)
-    remarks += [drift.sentence for drift in find_drifting_repeats(examined, residuals)]
+    remarks += describe_differing_repeats(examined, residuals)
     unrepeated = find_unrepeated_channels([e for e in usable if e.use == "fit"])
     usable = remove_channels(usable, pair_trials_with_channels(usable, unrepeated))
     remarks += [f"{reason}; it is not used." for reason in unrepeated.values()]

@@ -39,6 +39,8 @@ MIN_BUCKLED_FRACTION = 0.95
 """Among the samples in which the simulated muscle pushes, smallest fraction with no larger reading (assumed)."""
 MAX_LIMITED_FRACTION = 0.9
 """Largest fraction of the samples of a force that may end at zero (assumed; more would leave too few for a fit)."""
+MIN_OFFSET_GROUPS = 3
+"""Fewest groups of repeats whose constants tell anything (assumed)."""
 MAX_ORDER_PROBABILITY = 0.02
 """Largest probability that exchangeable repeats have the observed order by chance (assumed)."""
 
@@ -246,3 +248,31 @@ def find_drifting_repeats(experiments: Sequence[Experiment], residuals: Residual
         if abs(shift) > noise > 0.0:
             drifts.append(RepeatDrift(channel, shift, noise, len(shifts)))
     return drifts
+
+
+def describe_differing_repeats(experiments: Sequence[Experiment], residuals: Residuals) -> list[str]:
+    """Return a sentence about each channel whose repeats drift, or differ mostly by a constant.
+
+    They do the latter where the mean residuals of the repeats of :data:`MIN_OFFSET_GROUPS` groups or more scatter by
+    more than the noise within a repeat. Strides, repeats in a walk, do so by nature.
+    """
+    drifts = find_drifting_repeats(experiments, residuals)
+    drifting = {drift.channel for drift in drifts}
+    sentences = [drift.sentence for drift in drifts]
+    for channel in [] if experiments[0].has_body else list_channels(experiments):
+        offsets, noises = [], []
+        for repeats in align_repeats(experiments, residuals, channel):
+            offsets.append(float(np.var(repeats.residuals.mean(axis=1), ddof=1)))
+            noises.append(float(np.std(repeats.deviations - repeats.deviations.mean(axis=1, keepdims=True))))
+        if channel in drifting or len(offsets) < MIN_OFFSET_GROUPS:
+            continue
+        offset, noise = math.sqrt(float(np.mean(offsets))), float(np.median(noises))
+        if offset > noise > 0.0:
+            unit, si = CHANNEL_UNITS[channel]
+            sentences.append(
+                f"Repeats of '{channel}' differ mostly by a constant, {offset / si:.3g} {unit} rms, "
+                f"{offset / noise:.1f} times the noise within a trial: a zero that is set anew, or a friction that "
+                "earlier motion left. Set the zero before each trial, and reach the first point in the same way; until "
+                "then the difference counts as noise."
+            )
+    return sentences
