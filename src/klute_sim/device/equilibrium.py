@@ -1,5 +1,7 @@
 """States of a device in which nothing changes any more, or in which the tendon is just taut."""
 
+import math
+
 from klute_sim.device.dynamics import (
     ZERO_INTERNAL_STATE,
     DeviceParameters,
@@ -13,8 +15,15 @@ from klute_sim.device.dynamics import (
     step_internal_state,
     step_pressure,
 )
+from klute_sim.effects import catalogue
 from klute_sim.effects.smoothing import EQUILIBRIUM_TIME_STEP
 from klute_sim.laws import mckibben, pneumatic_step
+
+SLIDING_FRACTION = 0.05
+"""Distance that a device has slid where it begins with all its friction, over the muscle's resting length (assumed:
+friction reverses within a few millimetres)."""
+SLIDING_TIME = 1e-3 * EQUILIBRIUM_TIME_STEP
+"""Time of this motion [s]: viscous and lagging elements are in equilibrium after it, and dry friction is held."""
 
 
 def compute_taut_state(parameters: DeviceParameters, unit_length: float, command: float) -> DeviceState:
@@ -84,3 +93,40 @@ def compute_equilibrium_state(
     gas = get_gas_state(DeviceState(pressure, length, internal_state))
     gas = pneumatic_step.add_disturbance(gas, pressure - air.pressure)
     return DeviceState(pressure, length, replace_gas_state(internal_state, gas))
+
+
+def holds_friction(parameters: DeviceParameters) -> bool:
+    """Return whether an active effect of the device holds a dry friction at rest."""
+    active_slots = (slot for slot in catalogue.get_device_slots() if parameters.effects[slot.switch_index] != 0.0)
+    return any(slot.form.holds_friction for slot in active_slots)
+
+
+def compute_resting_state(
+    parameters: DeviceParameters, unit_length: float, command: float, friction_fraction: float
+) -> DeviceState:
+    """Return the state at rest at unit length ``unit_length`` [m] under the pressure ``command`` [Pa] with friction.
+
+    Dry friction holds a part of what an earlier motion left: all of a slow lengthening of the unit to its present
+    length for a ``friction_fraction`` of 1, all of a shortening for -1, none for 0
+    (:func:`compute_equilibrium_state`). Between them, length and internal states are interpolated.
+    """
+    relaxed = compute_equilibrium_state(parameters, unit_length, command)
+    if friction_fraction == 0.0 or not holds_friction(parameters):
+        return relaxed
+    motion = math.copysign(SLIDING_FRACTION * parameters.muscle.resting_length, friction_fraction)
+    before = compute_equilibrium_state(parameters, unit_length - motion, command)
+    air = pneumatic_step.constant_pressure(relaxed.pressure)
+    slid_length = solve_length(parameters, air, before, unit_length, SLIDING_TIME)
+    slid_states = step_internal_state(
+        parameters, before.internal_state, relaxed.pressure, 0.0, slid_length, unit_length, SLIDING_TIME
+    )
+    fraction = abs(friction_fraction)
+    length = relaxed.length + fraction * (slid_length - relaxed.length)
+    internal_state = list(_compute_steady_internal_state(parameters, relaxed.pressure, length, unit_length))
+    for slot in catalogue.get_device_slots():
+        if slot.form.holds_friction and parameters.effects[slot.switch_index] != 0.0:
+            for k in range(slot.state_start, slot.state_start + slot.form.n_states):
+                rest = relaxed.internal_state[k]
+                internal_state[k] = rest + fraction * (slid_states[k] - rest)
+    gas = get_gas_state(relaxed)
+    return DeviceState(relaxed.pressure, length, replace_gas_state(tuple(internal_state), gas))

@@ -50,6 +50,7 @@ from klute_sim.diagnosis.imperfect_law import (
     find_adequate_model,
     select_by_prediction,
 )
+from klute_sim.diagnosis.initial_friction import reconsider_initial_friction
 from klute_sim.diagnosis.localization.misfit_map import map_misfit
 from klute_sim.diagnosis.localization.misfit_regions import locate_misfit
 from klute_sim.diagnosis.noise import repeats
@@ -166,7 +167,8 @@ def _run_workflow(
         reasons += remarks
     filters = collect_filters(detected.data)
     outcome = reconsider_filters(outcome, prepare, search_model, [filters, *other_filters])
-    reasons += [*describe_low_pass_filters(outcome.experiments, filters), *outcome.remarks]
+    outcome, remarks = reconsider_initial_friction(outcome, prepare, search_model)
+    reasons += [*describe_low_pass_filters(outcome.experiments, filters), *remarks, *outcome.remarks]
     experiments, data, search, base_fit, selected, _ = outcome
     quantizers = select_quantizers(quantizers, options.only, options.exclude)  # all of them are simulated
     if quantizers:

@@ -116,6 +116,8 @@ class EffectForm:
     """Law of each hook; empty for a form that acts on a whole time series (a dead time)."""
     states: tuple[str, ...] = ()
     """Names of the internal states, which the law at ``next_state`` advances."""
+    holds_friction: bool = False
+    """Whether the internal states hold a dry friction at rest: a trial may begin with that of an earlier motion."""
     candidate_sections: tuple[str, ...] = ()
     """Sections that a device file must have for a diagnosis to propose this form: without them it has no cause."""
     find_flaw: Callable[[Any], str] | None = None

@@ -222,6 +222,9 @@ class Experiment(ABC):
     """Whether the log shows that commands are held; otherwise a zero-order hold is an assumption."""
     has_stepped_command: bool = False
     """Whether each command that changes does so in steps, between which it is constant."""
+    initial_friction: float = 0.0
+    """Friction with which a trial on a bench begins, over all that the device can hold: 1 after it was lengthened, -1
+    after it was shortened, 0 for none."""
     noisy_variants: "tuple[Experiment, ...]" = ()
     """For each prescribed channel with stated noise: the trial with this channel off by one standard deviation."""
 

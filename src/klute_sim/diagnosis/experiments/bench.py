@@ -15,7 +15,7 @@ from klute_sim.device.dynamics import (
     apply_supply_effects,
     get_dead_time,
 )
-from klute_sim.device.equilibrium import compute_equilibrium_state
+from klute_sim.device.equilibrium import compute_resting_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.experiments.base import (
     PRESSURE_PERTURBATION,
@@ -148,14 +148,14 @@ class BenchExperiment(Experiment):
         return float(np.ptp(self.unit_length))
 
     def simulate(self, setup: SimulationSetup) -> DeviceResponse:
-        """Simulate from equilibrium at the first inputs; values are those after each time step.
+        """Simulate from rest at the first inputs; values are those after each time step.
 
         The time grid is shifted to the corners of a command that is delayed, or whose log is: otherwise a rate limit
         would act up to one time step early.
         """
         parameters, length, command, dt = setup.parameters, self.unit_length, self.command, self.dt
         initial_command = float(command[0]) if self.initial_pressure is None else self.initial_pressure
-        initial_state = compute_equilibrium_state(parameters, float(length[0]), initial_command)
+        initial_state = compute_resting_state(parameters, float(length[0]), initial_command, self.initial_friction)
         dead_time = get_dead_time(parameters)
         n_delay_steps = math.floor(dead_time / dt + 1e-9)
         shift = max(0.0, dead_time - n_delay_steps * dt)

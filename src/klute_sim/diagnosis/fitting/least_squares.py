@@ -112,7 +112,7 @@ def fit_hypothesis(
     The solver rejects a step to a point where a simulation diverges, and tries a shorter one. Where simulations diverge
     at ``x0`` itself, the result stays there, its residuals are infinite, and it has not converged.
     """
-    names = [(e.name, e.has_zero_order_hold) for e in data.experiments]
+    names = [(e.name, e.has_zero_order_hold, e.initial_friction) for e in data.experiments]
     start = hypothesis.initial_point() if x0 is None else x0
     key = repr((hypothesis, hypothesis.device.digest, sorted(data.noise.items()), names, max_nfev, fine))
     key += hashlib.sha256(start.tobytes() + (b"" if jac is None else jac.tobytes())).hexdigest()

@@ -182,6 +182,7 @@ SEAL_FRICTION = Effect(
             ),
             laws={"damper_force": presliding_friction, "next_state": step_presliding},
             states=("seal_displacement", "length"),
+            holds_friction=True,
         ),
         EffectForm(
             name="pressure",
@@ -217,6 +218,7 @@ SEAL_FRICTION = Effect(
             # The pressure is that of the muscle; the seal of a damper beside it meets the oil.
             candidate_sections=("cylinder", "supply"),
             states=("seal_displacement", "length"),
+            holds_friction=True,
         ),
     ),
 )

@@ -183,6 +183,7 @@ TENDON_HYSTERESIS = Effect(
             ),
             laws={"tendon_force": slip_force, "next_state": step_slip_slider},
             states=("slider",),
+            holds_friction=True,
         ),
         EffectForm(
             name="maxwell",
@@ -249,6 +250,7 @@ TENDON_HYSTERESIS = Effect(
             ),
             laws={"tendon_force": maxwell_slip_force, "next_state": step_tendon_sliders},
             states=("slider_1", "slider_2", "slider_3"),
+            holds_friction=True,
         ),
     ),
 )

@@ -132,6 +132,7 @@ BRAID_HYSTERESIS = Effect(
             parameters=(_SLOPE_PARAMETER, _STIFFNESS_PARAMETER),
             laws={"muscle_force": maxwell_slip_force, "next_state": step_sliders},
             states=("slider_1", "slider_2", "slider_3"),
+            holds_friction=True,
         ),
         EffectForm(
             name="coulomb",
@@ -145,6 +146,7 @@ BRAID_HYSTERESIS = Effect(
             parameters=(_SLOPE_PARAMETER, _STIFFNESS_PARAMETER),
             laws={"muscle_force": hysteretic_force, "next_state": step_dahl_stretch},
             states=("hysteretic_stretch", "length"),
+            holds_friction=True,
         ),
         EffectForm(
             name="bouc_wen",
@@ -163,6 +165,7 @@ BRAID_HYSTERESIS = Effect(
             ),
             laws={"muscle_force": hysteretic_force, "next_state": step_bouc_wen_stretch},
             states=("hysteretic_stretch", "length"),
+            holds_friction=True,
         ),
     ),
 )
