@@ -286,7 +286,7 @@ def test_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
         *("schema", "verdict", "reasons", "effects", "numbers", "alternatives", "indistinguishable", "split"),
         *("where", "gap", "held_out", "cross_validation", "recommended", "direct_measurements"),
         *("p_value", "probability_nothing_missing", "misfit_map", "predictions"),
-        *("rejected", "next_experiment", "device_file", "accepted"),
+        *("rejected", "next_experiment", "device_file", "accepted", "initial_friction"),
     }
     assert verdict["schema"] == "klute-sim-verdict/3"
     assert verdict["effects"][0]["parameters"]["coefficient_n_s_per_m"]["value"] == pytest.approx(400.0, rel=0.05)

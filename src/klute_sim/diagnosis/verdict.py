@@ -64,6 +64,7 @@ def verdict_to_dict(diagnosis: Diagnosis, predictions: Sequence[TransferPredicti
         "accepted": [{"name": finding.name, "sentence": finding.sentence} for finding in diagnosis.dataset.accepted],
         "effects": _list_effect_entries(diagnosis, diagnosis.final_fit, probabilities) if diagnosis.final_fit else [],
         "numbers": _list_fitted_numbers(diagnosis),
+        "initial_friction": {e.name: round(e.initial_friction, 3) for e in diagnosis.experiments if e.initial_friction},
         "alternatives": list_alternatives(diagnosis),
         "held_out": diagnosis.held_out,
         "cross_validation": _describe_cross_validation(diagnosis.prediction) if diagnosis.prediction else None,
