@@ -19,11 +19,14 @@ from klute_sim.diagnosis.remarks import (
     describe_quantization,
     describe_reference_diameter,
     describe_refitted_numbers,
+    describe_rubber,
     describe_tested_candidates,
     describe_tolerance,
     describe_undetermined_parameters,
 )
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.laws import mckibben
+from tests.diagnosis import test_numbers as numbers_test
 from tests.diagnosis.synthetic_dataset import make_repeats
 from tests.diagnosis.test_numbers import NOMINAL, make_fit, make_number_term
 
@@ -56,6 +59,21 @@ def test_twins_of_a_wrong_zero_of_the_length_are_told() -> None:
     (sentence,) = describe_length_zero([trial], fits)
     assert f"looks like {SLACK} and tendon_slack in every reading" in sentence
     assert describe_length_zero([trial], [make_fit(Hypothesis(NOMINAL, (), (), (leak,)), np.zeros(2))]) == []
+
+
+def test_stiffer_rubber_is_told_beside_a_thicker_wall() -> None:
+    """Both moduli together change the tension as the volume of the wall does."""
+    term = make_number_term("muscle.bladder_thickness_mm")
+    fit = make_fit(Hypothesis(NOMINAL, (), (), (term,)), np.array([4.0]))
+    (sentence,) = describe_rubber([fit])
+    factor = float(sentence.partition(" times as stiff")[0].rpartition(" ")[2])
+    (setup,) = fit.hypothesis.build_setups(fit.x, [numbers_test.make_trial()])
+    muscle, length = NOMINAL.parameters.muscle, 0.9 * NOMINAL.parameters.muscle.resting_length
+    stiffer = muscle._replace(c10=factor * muscle.c10, c01=factor * muscle.c01)
+    nominal, *pulls = (mckibben.force(m, 2e5, length) for m in (muscle, setup.parameters.muscle, stiffer))
+    assert abs(pulls[0] - nominal) > 1.0
+    assert pulls[1] - nominal == pytest.approx(pulls[0] - nominal, rel=0.03)
+    assert describe_rubber([make_fit(Hypothesis(NOMINAL, (), (), (make_number_term(SLACK),)), np.zeros(1))]) == []
 
 
 def test_diameter_that_parameters_refer_to_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

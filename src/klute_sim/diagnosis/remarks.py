@@ -8,7 +8,7 @@ from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.datasets.trial import COMMAND_CHANNEL, Trial
 from klute_sim.device.device import Device
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
-from klute_sim.diagnosis.fitting.dependent_numbers import compute_mounting_error
+from klute_sim.diagnosis.fitting.dependent_numbers import RADIUS, THICKNESS, compute_mounting_error
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.noise.misfit import is_significant
 from klute_sim.diagnosis.noise.quantization import MAX_DITHER, MIN_DITHER, Quantizer
@@ -92,6 +92,25 @@ def describe_length_zero(trials: Sequence[Trial], fits: Iterable[Fit]) -> list[s
         f"A wrong zero of the prescribed 'length' looks like {' and '.join(sorted(names))} in every reading: check the "
         "zero of the machine before you correct the device."
     ]
+
+
+def describe_rubber(fits: Iterable[Fit]) -> list[str]:
+    """Return a sentence if one of the ``fits`` corrects the wall of the bladder: other rubber looks alike.
+
+    The tension of the bladder is in proportion to its volume of rubber (3.3), and so to both of its moduli together.
+    """
+    for fit in fits:
+        if THICKNESS in (term.number for term in fit.hypothesis.terms):
+            device = fit.hypothesis.device
+            numbers = device.spec.collect_values()
+            corrected = {**numbers, **fit.hypothesis.correct_numbers(device, None, fit.values)}
+            after, before = (row[THICKNESS] * (2.0 * row[RADIUS] - row[THICKNESS]) for row in (corrected, numbers))
+            return [
+                f"A wall of {corrected[THICKNESS]:.3g} instead of {numbers[THICKNESS]:.3g} mm pulls like rubber "
+                f"that is {after / before:.3g} times as stiff, in c10 and c01 alike. Measure the wall before you "
+                "correct the device."
+            ]
+    return []
 
 
 def describe_reference_diameter(fit: Fit) -> list[str]:

@@ -69,6 +69,7 @@ from klute_sim.diagnosis.remarks import (
     describe_quantization,
     describe_reference_diameter,
     describe_refitted_numbers,
+    describe_rubber,
     describe_tested_candidates,
     describe_tolerance,
     describe_undetermined_parameters,
@@ -187,7 +188,8 @@ def _run_workflow(
     reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit)]
     reasons += describe_reference_diameter(fit)
     reasons += describe_mounting_error(fit) if dataset.rig == "gait" else []
-    reasons += describe_length_zero(dataset.trials, [fit, *(model.fit for model in selected.equivalent_models)])
+    fits = [fit, *(model.fit for model in selected.equivalent_models)]
+    reasons += [*describe_length_zero(dataset.trials, fits), *describe_rubber(fits)]
     if dataset.tolerance:
         reasons += describe_tolerance(search, base_fit)
     if not selected.has_converged:
