@@ -28,8 +28,8 @@ from klute_sim.types import Array
 MAX_MISFIT_FRACTION = 0.5
 """Largest chi squared above the noise with initial friction, over that without, for which a model is searched again
 (assumed: other causes differ between trials, too)."""
-MAX_MODELS = 3
-"""Largest number of models of the selection, beside its result, with which initial friction is tried (assumed)."""
+MAX_MODELS = 5
+"""Largest number of models with which initial friction is tried (assumed)."""
 MAX_ESTIMATES = 4
 """Largest number of estimates of the initial friction and of the parameters, in turn (assumed)."""
 FRACTION_TOLERANCE = 0.05
@@ -72,16 +72,12 @@ def reconsider_initial_friction(
 
 
 def _list_models(outcome: Outcome) -> list[Fit]:
-    """Return the models of ``outcome`` whose device holds a friction: the device alone, its result, then the best."""
+    """Return the models of ``outcome`` whose device holds a friction: the device alone, the result, then the best."""
+    models = {fit.hypothesis.terms: fit for fit in (outcome.base_fit, outcome.selected.final_fit)}
     tried = [fit for step in outcome.search.history for fit in step.refits]
-    tried.sort(key=lambda fit: fit.bic(outcome.data.n_effective))
-    models = {repr(fit.hypothesis.terms): fit for fit in (outcome.base_fit, outcome.selected.final_fit)}
-    others = {repr(fit.hypothesis.terms): fit for fit in reversed(tried) if _holds_friction(outcome.data, fit)}
-    n_further = 0
-    for name, fit in reversed(others.items()):
-        if name not in models and n_further < MAX_MODELS:
-            models[name] = fit
-            n_further += 1
+    for fit in sorted(tried, key=lambda fit: fit.bic(outcome.data.n_effective)):
+        if len(models) < MAX_MODELS and _holds_friction(outcome.data, fit):
+            models.setdefault(fit.hypothesis.terms, fit)
     return [fit for fit in models.values() if _holds_friction(outcome.data, fit)]
 
 
@@ -93,9 +89,13 @@ def _holds_friction(data: WeightedData, fit: Fit) -> bool:
 
 
 def _fit_with_initial_friction(data: WeightedData, fit: Fit) -> _Estimate | None:
-    """Return ``fit`` with estimated initial friction; None where a large part of the misfit is left."""
+    """Return ``fit`` with estimated initial friction; None where a large part of the misfit is left.
+
+    Chi squared also falls by more than the logarithm of the number of independent samples for each condition, as the
+    Bayesian information criterion requires of a parameter.
+    """
     residuals = data.compute_residuals(fit.hypothesis, [fit.x], may_diverge=True)[0]
-    before = float(np.sum(data.weight_residuals(residuals) ** 2)) - data.n_effective
+    before = float(np.sum(data.weight_residuals(residuals) ** 2))
     experiments, estimate = _estimate_initial_friction(data, fit), _Estimate(fit, data)
     for _ in range(MAX_ESTIMATES):
         moved = data.with_experiments(experiments)
@@ -106,8 +106,10 @@ def _fit_with_initial_friction(data: WeightedData, fit: Fit) -> _Estimate | None
         pairs = zip(experiments, moved.experiments, strict=True)
         if max(abs(new.initial_friction - old.initial_friction) for new, old in pairs) < FRACTION_TOLERANCE:
             break
-    left = estimate.fit.chi2 - data.n_effective
-    return estimate if left <= MAX_MISFIT_FRACTION * before else None
+    gain = before - estimate.fit.chi2
+    is_shown = gain > len(group_repeats(data.experiments)) * math.log(data.n_effective)
+    is_large = gain >= (1.0 - MAX_MISFIT_FRACTION) * (before - data.n_effective)
+    return estimate if is_shown and is_large else None
 
 
 def _take_joint_step(estimate: _Estimate) -> list[Experiment]:
