@@ -36,6 +36,9 @@ class PlausibleError(NamedTuple):
 
 _CALIPER = PlausibleError(absolute=0.1, source="assumed: calipers on rubber or braid")
 _MATERIAL = PlausibleError(relative=0.1, source="assumed: batches of one material")
+_SPRING = PlausibleError(relative=0.1, source="assumed: springs as sold")
+_CONDUCTANCE = PlausibleError(relative=0.3, source="assumed: fittings, filters and silencers narrow a valve")
+_CRITICAL_RATIO = PlausibleError(0.1, 0.0, "assumed: ISO 6358 finds 0.2 to 0.5 for valves")
 DEFAULT_PLAUSIBLE_ERROR = PlausibleError(relative=0.05, source="assumed: data sheets")
 PLAUSIBLE_ERRORS = {
     "muscle.resting_length_mm": PlausibleError(1.0, 0.005, "assumed: tape between crimped ends"),
@@ -51,11 +54,18 @@ PLAUSIBLE_ERRORS = {
     "damper.orifice_concentric_mm": PlausibleError(relative=0.02, source="assumed: drilled"),
     "damper.orifice_eccentric_mm": PlausibleError(relative=0.02, source="assumed: drilled"),
     "damper.oil_density_kg_m3": PlausibleError(relative=0.02, source="assumed: data sheet and temperature"),
+    "tendon.stiffness_1_n_per_mm": _SPRING,
+    "tendon.stiffness_2_n_per_mm": _SPRING,
     "tendon.slack_length_mm": PlausibleError(2.0, 0.0, "assumed: assembly, knots and crosshead zero"),
     "tendon.engagement_mm": PlausibleError(0.5, 0.0, "assumed: assembly"),
     "mounting.neutral_muscle_ratio": PlausibleError(0.01, 0.0, "assumed: assembly, a few millimetres"),
     "supply.rate_bar_per_s": PlausibleError(relative=2.0, source="assumed: regulators differ by several times"),
     "supply.gas_temperature_c": PlausibleError(3.0, 0.0, "assumed: a room over a day"),
+    "valve.fill_dm3_per_s_bar": _CONDUCTANCE,
+    "valve.exhaust_dm3_per_s_bar": _CONDUCTANCE,
+    "valve.fill_critical_ratio": _CRITICAL_RATIO,
+    "valve.exhaust_critical_ratio": _CRITICAL_RATIO,
+    "valve.gain_per_bar": PlausibleError(relative=0.5, source="assumed: set in the electronics, rarely stated"),
     "supply.dead_volume_cm3": PlausibleError(relative=0.5, source="assumed: tubes and fittings, rarely measured"),
 }
 """``section.key``, of all devices or of one -> plausible error; :data:`DEFAULT_PLAUSIBLE_ERROR` for other keys."""
@@ -67,7 +77,7 @@ _DRY_FRICTION = PlausibleError(relative=0.5, source="assumed: depends on load an
 MODEL_PLAUSIBLE_ERRORS = {
     ("joint", "damping"): PlausibleError(relative=0.5, source="assumed: depends on grease and temperature"),
     ("joint", "frictionloss"): _DRY_FRICTION,
-    ("joint", "stiffness"): PlausibleError(relative=0.1, source="assumed: springs as sold"),
+    ("joint", "stiffness"): _SPRING,
     ("tendon", "frictionloss"): _DRY_FRICTION,
     ("geom", "mass"): PlausibleError(relative=0.05, source="assumed: weighed with its fittings"),
     ("body", "mass"): PlausibleError(relative=0.05, source="assumed: weighed with its fittings"),
