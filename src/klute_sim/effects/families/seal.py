@@ -212,6 +212,7 @@ SEAL_FRICTION = Effect(
                     upper=1000.0,
                     typical=50.0,
                     source="pneumatic cylinder seals measured: they deform within a millimetre (docs/real-data.md)",
+                    physical_limits=(1000.0,),  # stiffer than that, it slides at once
                 ),
             ),
             laws={"damper_force": pressed_seal_friction, "next_state": step_seal_displacement},
