@@ -1,15 +1,24 @@
 """Names beside an imperfect law without which other models predict as well."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.imperfect_law import decide_verdict
 from klute_sim.diagnosis.selection import predictive_selection
-from klute_sim.diagnosis.selection.predictive_model import are_proxies, list_certain_models, list_reduced_models
+from klute_sim.diagnosis.selection.predictive_model import (
+    are_proxies,
+    count_faults,
+    list_certain_models,
+    list_reduced_models,
+)
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 from tests.diagnosis.test_predictive_selection import BASE, FRICTION, GAIN, TAPER, TENSION, make_model, make_result
 
@@ -29,6 +38,24 @@ def test_names_that_refused_models_replace_stand_in_for_something_else() -> None
     decision = decide_verdict(replace(make_result(pair, [], 1.0, 0.9), has_proxies=True))
     assert decision.verdict == "unexplained"
     assert "something else is missing" in decision.reasons[-1]
+
+
+def test_instrument_at_its_bound_stands_in_for_nothing() -> None:
+    """A load cell that reads double is no rival of an effect that is twice as large."""
+    pair = make_model((FRICTION, TENSION), [0.2] * 6)
+    doubled = make_model((GAIN,), [0.2] * 6, "it is at its bound")
+    assert are_proxies(pair, [pair, doubled, BASE])
+    hypothesis = doubled.fit.hypothesis
+    at_bound = replace(doubled.fit, x=np.array([hypothesis.parameters[0].normalize(2.0)]))
+    assert not are_proxies(pair, [pair, replace(doubled, fit=at_bound), BASE])
+
+
+def test_number_of_a_declared_effect_is_no_fault() -> None:
+    """Its law may be imperfect, as that of an effect which is missing."""
+    keys = "muscle.turns_per_m", "effects.braid_hysteresis.slope_n_per_bar"
+    numbers = [EffectTerm("number_error", "value", number=key) for key in keys]
+    models = [SimpleNamespace(terms=terms) for terms in ([numbers[0]], [numbers[1]], [FRICTION, GAIN])]
+    assert [count_faults(cast(Any, model)) for model in models] == [1, 0, 1]
 
 
 def test_name_that_another_model_replaces_is_left_out() -> None:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.number_error import EFFECTS
 from klute_sim.diagnosis.noise.repeats import group_repeats
+from klute_sim.diagnosis.selection.naming import find_terms_at_bound
 from klute_sim.types import Array, Mask
 
 MIN_CONDITIONS, MIN_SPECIMENS = 3, 3
@@ -208,8 +210,14 @@ def rank_model(model: PredictiveModel) -> tuple[float, str]:
 
 
 def count_faults(model: PredictiveModel) -> int:
-    """Return the number of terms of ``model`` that are wrong numbers or faults of instruments."""
-    return sum(bool(term.number) or term.effect_definition.kind == "instrument" for term in model.terms)
+    """Return the number of terms of ``model`` that are wrong numbers or faults of instruments.
+
+    A number of a declared effect is as good as the law of this effect, so it counts as an effect.
+    """
+    return sum(
+        not term.number.startswith(EFFECTS) if term.number else term.effect_definition.kind == "instrument"
+        for term in model.terms
+    )
 
 
 def choose_model(models: Sequence[PredictiveModel], folds: NDArray[np.intp], noise: float = 0.0) -> PredictiveModel:
@@ -288,10 +296,15 @@ def are_proxies(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> b
     """Return whether each term of a ``chosen`` set stands in for something that may not be named.
 
     Models of ``models`` without such a term predict as well, but have an obstacle, such as a parameter at its bound:
-    what is missing resembles both, so neither is its name. A single name is judged by its rivals alone.
+    what is missing resembles both, so neither is its name. A fault of an instrument at its bound resembles nothing: no
+    load cell reads double. A single name is judged by its rivals alone.
     """
-    refused = [model for model in models if model.terms and model.obstacle]
+    refused = [model for model in models if model.terms and model.obstacle and not _has_absurd_instrument(model)]
     return len(chosen.terms) > 1 and list_replaced_names(chosen, refused) == chosen.identities
+
+
+def _has_absurd_instrument(model: PredictiveModel) -> bool:
+    return any(term.channel is not None for term in find_terms_at_bound(model.fit))
 
 
 def list_reduced_models(
