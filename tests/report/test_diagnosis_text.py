@@ -96,7 +96,13 @@ def test_weights_of_coarse_inputs_are_mentioned(diagnosis: Diagnosis) -> None:
         replace(e, input_error_scale={"force": np.where(e.measured["force"].time < 0.5, 1.0, 3.0)})
         for e in diagnosis.experiments
     ]
-    assert "figures show all" in words.describe_weights(replace(diagnosis, experiments=coarse))
+    weighted = replace(diagnosis, experiments=coarse)
+    assert words.describe_weights(weighted).endswith("figures show all.")
+    for factor, is_told in ((1.2, False), (5.0, True)):  # the weights hide much of the misfit
+        gaps = {c: replace(gap, nominal_unweighted=factor * gap.nominal) for c, gap in diagnosis.channel_rms.items()}
+        sentence = words.describe_weights(replace(weighted, channel_rms=gaps))
+        force = words.format_number(factor * gaps["force"].nominal, 3)
+        assert (f"the nominal device would miss 'force' by {force} N" in sentence) == is_told
 
 
 def test_supply_that_agrees_to_the_noise_lacks_nothing(diagnosis: Diagnosis) -> None:

@@ -360,19 +360,16 @@ def _compute_residuals(diagnosis: Diagnosis, data: WeightedData) -> tuple[Weight
                 if channel in e.measured
             ]
         )
-        rms = [
-            float(
-                np.sqrt(
-                    np.average(
-                        np.concatenate([trial[channel] for trial in trials if channel in trial]) ** 2, weights=weights
-                    )
-                )
-            )
-            for trials in residuals
+        squares = [
+            np.concatenate([trial[channel] for trial in trials if channel in trial]) ** 2 for trials in residuals
         ]
-        noise_floor = noise[channel].std if channel in noise else None
+        rms = [float(np.sqrt(np.average(each, weights=weights))) for each in squares]
         diagnosis.channel_rms[channel] = ChannelRms(
-            nominal=rms[0], refitted=rms[1], with_effects=rms[2], noise_floor=noise_floor
+            nominal=rms[0],
+            refitted=rms[1],
+            with_effects=rms[2],
+            noise_floor=noise[channel].std if channel in noise else None,
+            nominal_unweighted=float(np.sqrt(np.mean(squares[0]))) if np.ptp(weights) else None,
         )
     return evaluated, residuals[2]
 

@@ -63,6 +63,8 @@ class ChannelRms:
     """Residual with the added effects."""
     noise_floor: float | None
     """Noise between repeats, the lower limit of any model; None without repeats."""
+    nominal_unweighted: float | None = None
+    """Residual with the nominal device where all samples count alike; None where they do so in the others."""
 
 
 @dataclass(eq=False, kw_only=True)

@@ -32,6 +32,8 @@ MIN_DISTANCE_FRACTION = 1e-3
 """Smallest distance of a value from an end of its interval that is shown, as a fraction of the interval."""
 EFFECTS_TITLE = "Added effects"
 """Title of the table of effects."""
+MAX_HIDDEN_RATIO = 1.5
+"""Largest ratio of a gap in which all samples count alike to the printed one that is not stated (assumed)."""
 NUMBERS_TITLE = "Corrected numbers"
 """Title of the table of wrong numbers."""
 MAX_NOISE_RATIO = 1.1
@@ -306,7 +308,13 @@ def describe_weights(diagnosis: Diagnosis) -> str:
     """Return in one sentence why the gap is smaller than that of a figure; '' where all samples count equally."""
     if not diagnosis.has_input_weights:
         return ""
-    return "Samples that depend on errors of the inputs count less; figures show all."
+    clauses = []
+    for channel, rms in diagnosis.channel_rms.items():
+        unit, si = CHANNEL_UNITS[channel]
+        if rms.nominal_unweighted is not None and rms.nominal_unweighted > MAX_HIDDEN_RATIO * rms.nominal:
+            clauses.append(f"'{channel}' by {format_number(rms.nominal_unweighted / si, 3)} {unit}")
+    counted_alike = f" If all counted alike, the nominal device would miss {', '.join(clauses)} rms." if clauses else ""
+    return f"Samples that depend on errors of the inputs count less; figures show all.{counted_alike}"
 
 
 def describe_next_step(diagnosis: Diagnosis) -> str:
