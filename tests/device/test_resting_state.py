@@ -52,19 +52,17 @@ def test_clamped_muscle_holds_all_its_friction(form: str) -> None:
 @pytest.mark.parametrize("form", FORMS)
 @settings(max_examples=25, deadline=None)
 @given(
-    fraction=st.floats(-1.0, 1.0),
+    fraction=st.floats(-1.0, 1.0) | st.sampled_from([-1.0, 0.0, 1.0]),
     contraction=st.floats(0.02, 0.15),
     pressure=st.floats(0.5e5, 4e5),
 )
 def test_elastic_tendon_balances_the_muscle(form: str, fraction: float, contraction: float, pressure: float) -> None:
-    """The balance is exact where all friction or none is held, and nearly so between them."""
     device = add_friction(form, rigid=False)
     unit_length = UNIT_LENGTH + 0.01 - contraction * ANKLE.muscle.resting_length
     state = compute_resting_state(device, unit_length, pressure, fraction)
     tension = dynamics.compute_tendon_force(device, state.internal_state, state.length, unit_length)
-    friction = ANKLE.muscle.n_actuators * SLOPE * 1e-5 * pressure
     if state.length < ANKLE.muscle.resting_length - 1e-9 and tension > 0.0:
-        assert abs(compute_pull(device, state) - tension) < 0.05 * friction
+        assert abs(compute_pull(device, state) - tension) < 1e-6
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -99,5 +97,4 @@ def test_device_at_rest_stays_there(form: str) -> None:
         trace = simulate_rollouts(
             device, [UNIT_LENGTH - 5e-3] * 200, [PRESSURE] * 200, 1e-3, initial_state=state, n_jobs=1
         )
-        friction = ANKLE.muscle.n_actuators * SLOPE * 1e-5 * PRESSURE
-        assert abs(trace.tension[-1] - tension) < 0.05 * friction
+        assert trace.tension[-1] == pytest.approx(tension, abs=1e-6)

@@ -108,7 +108,8 @@ def compute_resting_state(
 
     Dry friction holds a part of what an earlier motion left: all of a slow lengthening of the unit to its present
     length for a ``friction_fraction`` of 1, all of a shortening for -1, none for 0
-    (:func:`compute_equilibrium_state`). Between them, length and internal states are interpolated.
+    (:func:`compute_equilibrium_state`). Between them, length and internal states are interpolated, and the device
+    settles from there.
     """
     relaxed = compute_equilibrium_state(parameters, unit_length, command)
     if friction_fraction == 0.0 or not holds_friction(parameters):
@@ -128,5 +129,9 @@ def compute_resting_state(
             for k in range(slot.state_start, slot.state_start + slot.form.n_states):
                 rest = relaxed.internal_state[k]
                 internal_state[k] = rest + fraction * (slid_states[k] - rest)
-    gas = get_gas_state(relaxed)
-    return DeviceState(relaxed.pressure, length, replace_gas_state(tuple(internal_state), gas))
+    between = DeviceState(relaxed.pressure, length, tuple(internal_state))
+    length = solve_length(parameters, air, between, unit_length, SLIDING_TIME)
+    settled_states = step_internal_state(
+        parameters, between.internal_state, relaxed.pressure, 0.0, length, unit_length, SLIDING_TIME
+    )
+    return DeviceState(relaxed.pressure, length, replace_gas_state(settled_states, get_gas_state(relaxed)))
