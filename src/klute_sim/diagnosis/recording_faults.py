@@ -11,7 +11,7 @@ import numpy as np
 from klute_sim.datasets.trial import SensorLimits, TimeSeries, Trial
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.diagnosis.noise.repeats import Residuals, align_repeats, list_channels
+from klute_sim.diagnosis.noise.repeats import AlignedRepeats, Residuals, align_repeats, list_channels
 from klute_sim.effects.families.muscle.threshold_pressure import REFERENCE_DIAMETER
 from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
 from klute_sim.units import BAR
@@ -222,6 +222,11 @@ class RepeatDrift(NamedTuple):
         )
 
 
+def _compute_noise_within_repeats(repeats: AlignedRepeats) -> float:
+    """Return the standard deviation [SI] of ``repeats`` about their common course, without the mean of each."""
+    return float(np.std(repeats.deviations - repeats.deviations.mean(axis=1, keepdims=True)))
+
+
 def find_drifting_repeats(experiments: Sequence[Experiment], residuals: Residuals) -> list[RepeatDrift]:
     """Return the channels whose repeats shift from first to last, always in one direction and by more than their noise.
 
@@ -239,7 +244,7 @@ def find_drifting_repeats(experiments: Sequence[Experiment], residuals: Residual
             steps = np.diff(means)
             directions |= set(np.sign(steps).tolist())
             shifts.append(float(means[-1] - means[0]))
-            noises.append(float(np.std(repeats.deviations - repeats.deviations.mean(axis=1, keepdims=True))))
+            noises.append(_compute_noise_within_repeats(repeats))
             probability /= math.factorial(len(means))
         is_ordered = len(directions) == 1 and probability <= MAX_ORDER_PROBABILITY
         if not is_ordered:
@@ -263,7 +268,7 @@ def describe_differing_repeats(experiments: Sequence[Experiment], residuals: Res
         offsets, noises = [], []
         for repeats in align_repeats(experiments, residuals, channel):
             offsets.append(float(np.var(repeats.residuals.mean(axis=1), ddof=1)))
-            noises.append(float(np.std(repeats.deviations - repeats.deviations.mean(axis=1, keepdims=True))))
+            noises.append(_compute_noise_within_repeats(repeats))
         if channel in drifting or len(offsets) < MIN_OFFSET_GROUPS:
             continue
         offset, noise = math.sqrt(float(np.mean(offsets))), float(np.median(noises))

@@ -64,7 +64,7 @@ class ChannelRms:
     noise_floor: float | None
     """Noise between repeats, the lower limit of any model; None without repeats."""
     nominal_unweighted: float | None = None
-    """Residual with the nominal device where all samples count alike; None where they do so in the others."""
+    """Residual with the nominal device if all samples count alike; None where they count alike anyway."""
 
 
 @dataclass(eq=False, kw_only=True)

@@ -212,7 +212,7 @@ SEAL_FRICTION = Effect(
                     upper=1000.0,
                     typical=50.0,
                     source="pneumatic cylinder seals measured: they deform within a millimetre (docs/real-data.md)",
-                    physical_limits=(1000.0,),  # stiffer than that, it slides at once
+                    physical_limits=(1000.0,),  # assumed: a stiffer one slides at once, as far as a log shows
                 ),
             ),
             laws={"damper_force": pressed_seal_friction, "next_state": step_seal_displacement},
