@@ -132,17 +132,36 @@ def test_one_channel_has_fewer_functions_than_three_names(with_friction: tuple[F
     assert judge(force_only, base, three).better is None
 
 
-def test_wrong_gain_is_not_refused(clean: tuple[ForwardSelection, Fit]) -> None:
-    """The gain of an instrument is a linear function of its reading, too."""
+def multiply_force(clean: tuple[ForwardSelection, Fit], gain: float) -> tuple[ForwardSelection, Fit]:
+    """Return search and fit of ``clean`` data whose load cell reads ``gain`` times the force."""
     search, clean_base = clean
     experiments = [
         replace(
-            e, measured={**e.measured, "force": e.measured["force"]._replace(value=1.08 * e.measured["force"].value)}
+            e, measured={**e.measured, "force": e.measured["force"]._replace(value=gain * e.measured["force"].value)}
         )
         for e in search.data.experiments
     ]
     data = search.data.with_experiments(experiments)
-    base = fit_hypothesis(data, clean_base.hypothesis, clean_base.x)
-    disturbed = replace(search, data=data, history=[])
+    return replace(search, data=data, history=[]), fit_hypothesis(data, clean_base.hypothesis, clean_base.x)
+
+
+def test_wrong_gain_is_not_refused(clean: tuple[ForwardSelection, Fit]) -> None:
+    """The gain of an instrument is a linear function of its reading, too."""
+    disturbed, base = multiply_force(clean, 1.08)
     gain = add_terms(disturbed, base, EffectTerm("sensor_gain", "linear", "force"))
     assert judge(disturbed, base, gain).better is None
+
+
+def test_gain_of_a_load_cell_refuses_other_names(clean: tuple[ForwardSelection, Fit]) -> None:
+    disturbed, base = multiply_force(clean, 1.2)
+    better = judge(disturbed, base, add_terms(disturbed, base, DAMPING)).better
+    assert better is not None
+    gain, unit = better.description.removeprefix("in the reading of 'force' (+").split(" ", 1)
+    assert float(gain) == pytest.approx(0.2, rel=0.1)  # the numbers of the device take a part
+    assert unit == "N per N of 'force')"
+
+
+def test_gain_that_no_load_cell_has_refuses_no_name(clean: tuple[ForwardSelection, Fit]) -> None:
+    disturbed, base = multiply_force(clean, 1.6)
+    better = judge(disturbed, base, add_terms(disturbed, base, DAMPING), ("unknown_force",)).better
+    assert better is None or "per N of 'force'" not in better.description

@@ -25,6 +25,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.bounds import simplify_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.naming import MAX_IMITATED_GAIN_ERROR
 from klute_sim.diagnosis.selection.predictive_model import (
     MAX_RIVAL_RATIO,
     MIN_TERM_SHARE,
@@ -64,8 +65,10 @@ class DataDrivenComparison(NamedTuple):
 class ReadingFunction(NamedTuple):
     """A function that may be added to the reading of a channel."""
 
-    label: str
-    """Unit of the coefficient, and the channel that it multiplies."""
+    factor: str
+    """Channel that the coefficient multiplies; '' for a constant."""
+    unit: str
+    """Unit of the coefficient."""
     sensitivity: Array
     """Derivative of the weighted residuals by the coefficient, (residuals,)."""
 
@@ -183,7 +186,9 @@ def _fit_readings(selection: PredictiveSelection, base_fit: Fit, n_functions: in
     for channel in sorted({channel for weights in selection.data.weights for channel in weights}):
         library = _list_reading_functions(selection, base_fit, channel)
         for functions in combinations(library, n_functions):
-            yield _predict_with_reading(selection, base_fit, channel, functions)
+            model = _predict_with_reading(selection, base_fit, channel, functions)
+            if model is not None:
+                yield model
 
 
 def _list_reading_functions(selection: PredictiveSelection, base_fit: Fit, channel: str) -> list[ReadingFunction]:
@@ -205,23 +210,31 @@ def _list_reading_functions(selection: PredictiveSelection, base_fit: Fit, chann
                 values[channel] = simulated_values / CHANNEL_UNITS[name][1] * unit[1]
             rows.append(values)
         priors = np.zeros(base_fit.hypothesis.n_prior_parameters)
-        label = f"{unit[0]} per {CHANNEL_UNITS[name][0]} of '{name}'" if name else unit[0]
-        library.append(ReadingFunction(label, np.concatenate([-data.weight_residuals(rows), priors])))
+        coefficient_unit = f"{unit[0]} per {CHANNEL_UNITS[name][0]}" if name else unit[0]
+        sensitivity = np.concatenate([-data.weight_residuals(rows), priors])
+        library.append(ReadingFunction(name, coefficient_unit, sensitivity))
     return library
 
 
 def _predict_with_reading(
     selection: PredictiveSelection, base_fit: Fit, channel: str, functions: Sequence[ReadingFunction]
-) -> DataDrivenModel:
-    """Return the model with ``functions`` in the reading of ``channel``, and its error of prediction."""
+) -> DataDrivenModel | None:
+    """Return the model with ``functions`` in the reading of ``channel``, and its error of prediction.
+
+    Returns None where the instrument would have a gain that none has.
+    """
     columns = np.column_stack([base_fit.jacobian, *(function.sensitivity for function in functions)])
     target = -base_fit.weighted_residuals
+    coefficients = np.linalg.lstsq(columns, target)[0][-len(functions) :]
+    terms = []
+    for coefficient, function in zip(coefficients, functions, strict=True):
+        if function.factor == channel and abs(coefficient) > MAX_IMITATED_GAIN_ERROR:
+            return None
+        terms.append(f"{coefficient:+.3g} {function.unit}" + (f" of '{function.factor}'" if function.factor else ""))
     errors = []
     for fold in selection.folds:
         retained = selection.find_retained_rows(fold, base_fit.hypothesis)
         solution = np.linalg.lstsq(columns[retained], target[retained])[0]
         residuals = selection.data.split_weighted_residuals(columns @ solution - target)
         errors.append(selection.compute_fold_error(fold, dict(enumerate(residuals))))
-    coefficients = np.linalg.lstsq(columns, target)[0][-len(functions) :]
-    terms = (f"{c:+.3g} {function.label}" for c, function in zip(coefficients, functions, strict=True))
     return DataDrivenModel(f"in the reading of '{channel}' ({', '.join(terms)})", float(np.mean(errors)), None)

@@ -13,7 +13,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import EFFECTS
 from klute_sim.diagnosis.noise.repeats import group_repeats
-from klute_sim.diagnosis.selection.naming import find_terms_at_bound
+from klute_sim.diagnosis.selection.naming import has_absurd_instrument
 from klute_sim.types import Array, Mask
 
 MIN_CONDITIONS, MIN_SPECIMENS = 3, 3
@@ -296,15 +296,11 @@ def are_proxies(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> b
     """Return whether each term of a ``chosen`` set stands in for something that may not be named.
 
     Models of ``models`` without such a term predict as well, but have an obstacle, such as a parameter at its bound:
-    what is missing resembles both, so neither is its name. A fault of an instrument at its bound resembles nothing: no
-    load cell reads double. A single name is judged by its rivals alone.
+    what is missing resembles both, so neither is its name. A fault that no instrument has resembles nothing. A single
+    name is judged by its rivals alone.
     """
-    refused = [model for model in models if model.terms and model.obstacle and not _has_absurd_instrument(model)]
+    refused = [model for model in models if model.terms and model.obstacle and not has_absurd_instrument(model.fit)]
     return len(chosen.terms) > 1 and list_replaced_names(chosen, refused) == chosen.identities
-
-
-def _has_absurd_instrument(model: PredictiveModel) -> bool:
-    return any(term.channel is not None for term in find_terms_at_bound(model.fit))
 
 
 def list_reduced_models(
