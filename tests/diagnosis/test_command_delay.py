@@ -51,7 +51,7 @@ def fit_delayed(simulator: Simulator, delay: float) -> tuple[WeightedData, Fit]:
     return data, fit_hypothesis(data, hypothesis)
 
 
-@pytest.mark.parametrize("delay", [1.5e-3, -1.5e-3, 5e-3])
+@pytest.mark.parametrize("delay", [pytest.param(1.5e-3, marks=pytest.mark.slow), -1.5e-3, 5e-3])
 def test_delay_of_the_log_is_found_and_corrected(simulator: Simulator, delay: float) -> None:
     data, base_fit = fit_delayed(simulator, delay)
     assert has_pressure_misfit(data, base_fit)
@@ -63,7 +63,10 @@ def test_delay_of_the_log_is_found_and_corrected(simulator: Simulator, delay: fl
     assert explains_pressures(data, corrected)
 
 
-@pytest.mark.parametrize(("delay", "is_of_log"), [(1.5e-3, True), (5e-3, True), (0.0, False), (9e-3, False)])
+@pytest.mark.parametrize(
+    ("delay", "is_of_log"),
+    [(1.5e-3, True), pytest.param(5e-3, True, marks=pytest.mark.slow), (0.0, False), (9e-3, False)],
+)
 def test_a_fit_is_completed_with_a_delay_of_the_log(simulator: Simulator, delay: float, is_of_log: bool) -> None:
     data, fit = fit_delayed(simulator, delay)
     completed = complete_with_command_delay(data, fit)

@@ -72,7 +72,7 @@ def get_filter(preparation: Preparation) -> ChannelFilter:
     return found
 
 
-@pytest.mark.parametrize("assumed_cutoff", [8.0, 12.0])
+@pytest.mark.parametrize("assumed_cutoff", [pytest.param(8.0, marks=pytest.mark.slow), 12.0])
 def test_signals_correct_the_cutoff(tmp_path: Path, simulator: Simulator, assumed_cutoff: float) -> None:
     dataset = load_dataset(write_dataset(tmp_path / "data", groups=GROUPS))
     before, after = refine(dataset, simulator, replace(ZERO_LAG, cutoff=assumed_cutoff))
@@ -82,7 +82,7 @@ def test_signals_correct_the_cutoff(tmp_path: Path, simulator: Simulator, assume
     assert f"'force' ({get_filter(after).cutoff:.2g} Hz)" in sentence
 
 
-@pytest.mark.parametrize("assumed_cutoff", [10.15, 10.2])
+@pytest.mark.parametrize("assumed_cutoff", [pytest.param(10.15, marks=pytest.mark.slow), 10.2])
 def test_signals_correct_a_cutoff_that_leaves_no_misfit(
     tmp_path: Path, simulator: Simulator, assumed_cutoff: float
 ) -> None:
@@ -105,7 +105,10 @@ def test_missing_effect_does_not_move_the_cutoff(tmp_path: Path, simulator: Simu
 
 
 @pytest.mark.parametrize("force_gain", [pytest.param(1.0, marks=pytest.mark.slow), 1.05])
-@pytest.mark.parametrize(("is_aligned", "sentence_end"), [(False, "has their delay, too."), (True, "were subtracted.")])
+@pytest.mark.parametrize(
+    ("is_aligned", "sentence_end"),
+    [pytest.param(False, "has their delay, too.", marks=pytest.mark.slow), (True, "were subtracted.")],
+)
 def test_signals_show_the_delay(
     tmp_path: Path, simulator: Simulator, force_gain: float, is_aligned: bool, sentence_end: str
 ) -> None:
@@ -162,7 +165,9 @@ def test_filter_without_delay_keeps_none(tmp_path: Path, simulator: Simulator) -
     ("verdict", "is_late", "verdict_after", "is_taken"),
     [
         pytest.param("identified", True, "identified", True, id="clock in place of a window"),
-        pytest.param("unexplained", True, "nothing-missing", True, id="nothing explains the window"),
+        pytest.param(
+            "unexplained", True, "nothing-missing", True, id="nothing explains the window", marks=pytest.mark.slow
+        ),
         pytest.param("identified", True, "unexplained", False, id="no model with the other window"),
         pytest.param("identified", False, "identified", False, id="no clock is named"),
     ],

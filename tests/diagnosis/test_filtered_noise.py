@@ -26,7 +26,7 @@ def measure_cutoff(*forces: np.ndarray) -> float:
     return found.cutoff
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.floats(8.0, 60.0), st.integers(2, 4), st.integers(0, 1000))
 def test_noise_shows_the_filter(cutoff: float, order: int, seed: int) -> None:
     forces = [filter_twice(REVERSALS + make_noise(6 * seed + k), cutoff, order) for k in range(6)]
