@@ -1,7 +1,9 @@
-"""Pressures that are commands, and repeats that drift; neither is reported of clean data."""
+"""Pressures that are commands, repeats that drift and wrong units; none is reported of clean data."""
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from hypothesis import strategies as st
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
 from klute_sim.datasets.trial import SensorLimits
+from klute_sim.device.device import load_device
 from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.bench import prepare_bench_trial
@@ -24,7 +27,10 @@ from klute_sim.diagnosis.recording_faults import (
     limit_buckled_forces,
     limit_forces_at_zero,
     suspect_absolute_pressures,
+    suspect_wrong_scales,
 )
+from klute_sim.diagnosis.result import DiagnosisOptions
+from klute_sim.diagnosis.workflow import diagnose
 from tests.diagnosis import synthetic_joint_dataset as joint
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats, write_dataset
 from tests.diagnosis.test_trial_quality import make_trial
@@ -248,3 +254,43 @@ def test_absolute_pressures_of_a_mechanism_are_suspected(
         for t in dataset.trials
     ]
     assert suspect_absolute_pressures(low, fit) == ""
+
+
+def suspect(experiments: list[Experiment], scale: float, error: np.ndarray) -> list[str]:
+    """Return the sentences about forces that are ``scale`` times those of the device, with a relative ``error``."""
+    residuals = [{"force": e.measured["force"].value * (1.0 - (1.0 + error) / scale)} for e in experiments]
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), ())
+    return suspect_wrong_scales(experiments, cast(Fit, SimpleNamespace(residuals=residuals, hypothesis=hypothesis)))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.sampled_from([2.2046, 1.0 / 2.2046, 4.448, 2.0]), st.floats(0.0, 0.05), st.integers(0, 100))
+def test_scale_of_another_unit_is_found(scale: float, error: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    experiments = make_repeats([500.0 + 100.0 * rng.normal(size=400)], "g")
+    (sentence,) = suspect(experiments, scale, error * rng.uniform(-1.0, 1.0, 400))
+    units = {
+        2.2046: "lbf that are declared as kgf",
+        1 / 2.2046: "kgf that are declared as lbf",
+        4.448: "declared as lbf",
+    }
+    expected = units.get(scale, f"muscle.count = {2 * scale:.0f} instead of 2 ")
+    assert expected in sentence
+    assert "'force'" in sentence
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.9, 1.1, 1.25, 1.75, 7.0, 0.05])
+def test_other_scales_are_no_units(scale: float) -> None:
+    assert suspect(make_repeats([np.linspace(100.0, 900.0, 400)], "g"), scale, np.zeros(400)) == []
+
+
+def test_misfit_that_is_no_scale_is_no_unit() -> None:
+    experiments = make_repeats([np.linspace(100.0, 900.0, 400)], "g")
+    assert suspect(experiments, 2.2046, np.linspace(-0.9, 0.9, 400)) == []
+
+
+def test_unit_of_a_file_is_suspected_first(tmp_path: Path) -> None:
+    data = write_dataset(tmp_path / "data", distort={"force": lambda time, force: 2.2046 * force})
+    diagnosis = diagnose(load_dataset(data), DiagnosisOptions(n_jobs=1, only=("seal_friction",)))
+    assert "lbf that are declared as kgf (2.2 times)" in diagnosis.reasons[0]
+    assert diagnosis.verdict == "unexplained"

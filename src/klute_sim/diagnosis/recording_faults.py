@@ -1,4 +1,4 @@
-"""Faults of a recording that no single sample shows: a copied command, a force that ends at zero, drifting repeats."""
+"""Faults of a recording that no single sample shows: a copied command, a wrong unit, drifting repeats."""
 
 import math
 from collections import defaultdict
@@ -14,6 +14,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.noise.repeats import AlignedRepeats, Residuals, align_repeats, list_channels
 from klute_sim.effects.families.muscle.threshold_pressure import REFERENCE_DIAMETER
 from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
+from klute_sim.plausibility.units import MIN_DIFFERENCE, UNITS
 from klute_sim.units import BAR
 
 COMMAND_TOLERANCE = 1e-4
@@ -39,6 +40,16 @@ MIN_BUCKLED_FRACTION = 0.95
 """Among the samples in which the simulated muscle pushes, smallest fraction with no larger reading (assumed)."""
 MAX_LIMITED_FRACTION = 0.9
 """Largest fraction of the samples of a force that may end at zero (assumed; more would leave too few for a fit)."""
+MIN_WRONG_SCALE, MAX_WRONG_SCALE = 1.25, 6.0
+"""Ratios of readings to simulated ones, or of these to readings, that a wrong unit may make (assumed: a smaller one is
+a calibration, and the checks of the files refuse a larger one)."""
+SCALE_TOLERANCE = 0.12
+"""Largest relative deviation of a ratio from that of two units, or of two numbers of muscles (assumed: an imperfect
+law is off by as much)."""
+MAX_SCALED_MISFIT = 0.3
+"""Largest misfit of readings in proportion to the simulated ones, over that without the ratio (assumed)."""
+MAX_MUSCLES = 4
+"""Largest number of parallel muscles that a wrong scale may be due to (assumed)."""
 MIN_OFFSET_GROUPS = 3
 """Fewest groups of repeats whose constants tell anything (assumed)."""
 MAX_ORDER_PROBABILITY = 0.02
@@ -185,6 +196,71 @@ def suspect_absolute_pressures(trials: Sequence[Trial], fit: Fit) -> str:
         "the atmosphere, and no recorded pressure is below it: the pressures may be absolute, and no effect missing. "
         "If they are, subtract 1.013 bar from them and diagnose again."
     )
+
+
+def suspect_wrong_scales(experiments: Sequence[Experiment], fit: Fit) -> list[str]:
+    """Return a sentence for each channel whose readings are those of ``fit`` times the ratio of two units.
+
+    The files show no ratio as small as that of kgf and lbf, because a muscle may be twice as strong as another one. The
+    number of parallel muscles changes the scale of a force, too. ``fit`` is without added effects.
+    """
+    sentences = []
+    for channel in sorted({name for e in experiments for name in e.measured}):
+        rows = [
+            (e.measured[channel].value, fit.residuals[k][channel])
+            for k, e in enumerate(experiments)
+            if channel in e.measured
+        ]
+        readings, residuals = (np.concatenate(values) for values in zip(*rows, strict=True))
+        simulated = readings - residuals
+        power = float(simulated @ simulated)
+        scale = float(readings @ simulated) / power if power > 0.0 else 0.0
+        misfit = float(np.linalg.norm(readings - scale * simulated))
+        if scale <= 0.0 or misfit > MAX_SCALED_MISFIT * float(np.linalg.norm(residuals)):
+            continue
+        causes = [*_list_exchanged_units(CHANNEL_UNITS[channel][0], scale), *_list_muscle_counts(channel, fit, scale)]
+        if causes:
+            sentences.append(
+                f"The readings of '{channel}' are {scale:.3g} times the simulated ones. That may be "
+                f"{' or '.join(causes)}: check this before anything else."
+            )
+    return sentences
+
+
+def _list_exchanged_units(unit: str, scale: float) -> list[str]:
+    """Return a description of each pair of units, of the dimension of ``unit``, that makes readings wrong by ``scale``.
+
+    The description says which unit the numbers have, and which one is declared. Of units that hardly differ, the more
+    common one stands for the others.
+    """
+    factors: dict[str, float] = {}
+    for name, factor in next((units for units in UNITS.values() if unit in units), {}).items():
+        if all(abs(math.log10(factor / other)) > MIN_DIFFERENCE for other in factors.values()):
+            factors[name] = factor
+    return [
+        f"numbers in {written} that are declared as {declared} ({declared_factor / factor:.3g} times)"
+        for written, factor in factors.items()
+        for declared, declared_factor in factors.items()
+        if _is_wrong_scale(scale, declared_factor / factor)
+    ]
+
+
+def _list_muscle_counts(channel: str, fit: Fit, scale: float) -> list[str]:
+    """Return a description of each other number of muscles with which a force is ``scale`` times as large."""
+    muscle = fit.hypothesis.device.spec.muscle
+    if channel != "force" or muscle is None:
+        return []
+    counts = range(1, MAX_MUSCLES + 1)
+    return [
+        f"muscle.count = {count} instead of {muscle.count} ({count / muscle.count:.3g} times)"
+        for count in counts
+        if _is_wrong_scale(scale, count / muscle.count)
+    ]
+
+
+def _is_wrong_scale(scale: float, ratio: float) -> bool:
+    is_wrong = MIN_WRONG_SCALE <= max(ratio, 1.0 / ratio) <= MAX_WRONG_SCALE
+    return is_wrong and abs(math.log(scale / ratio)) <= SCALE_TOLERANCE
 
 
 def _get_diameter(trials: Sequence[Trial], fit: Fit, term_index: int) -> float:

@@ -60,7 +60,7 @@ from klute_sim.diagnosis.noise.p_value import compute_p_value
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
 from klute_sim.diagnosis.planning.direct_measurements import list_direct_measurements
 from klute_sim.diagnosis.planning.next_experiment import propose_next_experiment
-from klute_sim.diagnosis.recording_faults import suspect_absolute_pressures
+from klute_sim.diagnosis.recording_faults import suspect_absolute_pressures, suspect_wrong_scales
 from klute_sim.diagnosis.remarks import (
     describe_contradicted_numbers,
     describe_excessive_commands,
@@ -184,7 +184,9 @@ def _run_workflow(
         reasons += describe_condition_registration(data, base_fit)
     if selected.verdict == "unexplained":
         reasons += describe_condition_zeros(data, base_fit)
-    reasons[:0] = filter(None, [suspect_absolute_pressures(dataset.trials, fit)])  # it would make all others void
+    # These would make all others void.
+    reasons[:0] = filter(None, [suspect_absolute_pressures(dataset.trials, fit)])
+    reasons[:0] = suspect_wrong_scales(data.experiments, base_fit)
     reasons += [*describe_contradicted_numbers(fit), *describe_refitted_numbers(fit)]
     reasons += describe_reference_diameter(fit)
     reasons += describe_mounting_error(fit) if dataset.rig == "gait" else []
