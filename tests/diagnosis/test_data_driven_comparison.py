@@ -57,7 +57,7 @@ def judge(
         replace(e, specimen=specimens[groups.index(e.group)]) if specimens else e for e in search.data.experiments
     ]
     data = weight_by_law_error(search.data, experiments, named.residuals)
-    selection = PredictiveSelection(data, dict(search.data.noise), [])
+    selection = PredictiveSelection(data, {c: n.std for c, n in search.data.noise.items()}, [])
     base_model, chosen = (selection.assess(fit_hypothesis(data, fit.hypothesis, fit.x)) for fit in (base, named))
     noise = float(np.mean([search.data.noise[c].std ** 2 / law.std**2 for c, law in data.noise.items()]))
     share = (base_model.error - chosen.error) / (base_model.error - noise)

@@ -190,6 +190,20 @@ def test_without_repeats_only_large_effects_are_added(tmp_path: Path) -> None:
     assert "repeat noise" not in (tmp_path / "index.html").read_text("utf-8").split("<h2")[1]
 
 
+@pytest.mark.parametrize(("factor", "is_found"), [(1.3, True), (1.0, False)])
+def test_noise_of_another_channel_hides_no_number_without_repeats(
+    factor: float, is_found: bool, tmp_path: Path
+) -> None:
+    """Half of the error of prediction is that of a pressure with nothing but noise."""
+    declared = load_device("klute-3-4-pair").parameters
+    device = declared._replace(muscle=declared.muscle._replace(c10=factor * declared.muscle.c10))
+    groups = ("fit_1", "fit_2", "fit_3", "fit_4", "validation_1", "test_1")
+    folder = write_dataset(tmp_path / "data", base=device, groups=groups, repeats=1, seconds=2.0)
+    verdict = verdict_to_dict(diagnose(datasets.load_dataset(folder), DiagnosisOptions(only=("muscle.c10_kpa",))))
+    assert verdict["verdict"] == ("identified-in-part" if is_found else "insufficient-data")
+    assert [entry["number"] for entry in verdict["effects"]] == (["muscle.c10_kpa"] if is_found else [])
+
+
 def test_inconsistent_repeat_is_excluded(tmp_path: Path) -> None:
     """A loose cable in one trial would inflate the noise estimate, and all effects would count as noise."""
     effects = {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}

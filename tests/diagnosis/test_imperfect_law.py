@@ -11,7 +11,6 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.imperfect_law import compute_explained_rms_ratio, decide_verdict
-from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.predictive_model import PredictiveModel, PredictiveResult
 from klute_sim.diagnosis.selection.predictive_selection import PredictiveSelection
 
@@ -77,7 +76,7 @@ def test_explained_misfit_is_that_of_the_channel_with_most() -> None:
         )
     )
     result = PredictiveResult(base, chosen, [], [chosen, base], {TENSION: 1.0}, 0.9, 2.0, "condition", 6)
-    noise = {"force": Noise(2.0, ()), "pressure": Noise(1e5, ())}
+    noise = {"force": 2.0, "pressure": 1e5}
     data = WeightedData(Simulator(1), [], {})
     selection = PredictiveSelection(data, noise, [], lambda _: None)
     rms = np.sqrt(np.mean(readings[0][:2] ** 2))

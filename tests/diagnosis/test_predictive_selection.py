@@ -443,9 +443,9 @@ def test_noise_has_the_weights_of_the_errors() -> None:
     force = experiments[0].measured["force"]
     experiments[0] = replace(experiments[0], measured={"force": force, "pressure": force})
     law = {"force": Noise(10.0, ()), "pressure": Noise(1.0, ())}
-    repeat_noise = {"force": Noise(1.0, ()), "pressure": Noise(0.8, ())}
-    selection = PredictiveSelection(WeightedData(Simulator(1), experiments, law), repeat_noise, [])
-    residuals = {k: {c: np.full(50, repeat_noise[c].std) for c in e.measured} for k, e in enumerate(experiments)}
+    noise_std = {"force": 1.0, "pressure": 0.8}
+    selection = PredictiveSelection(WeightedData(Simulator(1), experiments, law), noise_std, [])
+    residuals = {k: {c: np.full(50, noise_std[c]) for c in e.measured} for k, e in enumerate(experiments)}
     errors = [selection.compute_fold_error(fold, residuals) for fold in selection.folds]
     assert [selection.compute_fold_noise(fold) for fold in selection.folds] == pytest.approx(errors)
     assert np.mean(errors) == pytest.approx((0.5 * (0.01 + 0.64) + 3 * 0.01) / 4)

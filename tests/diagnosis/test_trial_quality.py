@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.bench import prepare_bench_trial, starts_in_motion
-from klute_sim.diagnosis.noise.trial_noise import describe_noisy_trials, estimate_noise_ratios
+from klute_sim.diagnosis.noise.trial_noise import describe_noisy_trials, estimate_fast_noise, estimate_noise_ratios
 from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats
 
 DEVICE = load_device("klute-3-4-pair")
@@ -108,3 +108,25 @@ def test_trial_in_motion_starts_with_its_measured_pressure() -> None:
     assert experiment.measured["force"].time[0] > 0.5
     stretched = make_trial(0.005, np.full(400, 2e5), 0.34 + 0.01 * np.linspace(0.0, 1.0, 400))
     assert starts_in_motion(stretched)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.5, 20.0), st.sampled_from([0.0, 0.005, 0.02]), st.floats(0.0, 100.0), st.integers(0, 100))
+def test_fast_noise_is_that_beside_a_slow_misfit(std: float, correlation: float, misfit: float, seed: int) -> None:
+    rng, time = np.random.default_rng(seed), 0.005 * np.arange(4000)
+    slow = misfit * np.sin(2.0 * np.pi * 0.3 * time)
+    noise = make_correlated_noise(rng, 4000, std, correlation) if correlation else rng.normal(0.0, std, 4000)
+    found = estimate_fast_noise(make_repeats([slow + noise]), [{"force": slow + noise}])["force"]
+    bend = misfit * (2.0 * np.pi * 0.3 * 0.05) ** 2  # of the misfit within 0.05 s on both sides
+    assert 0.9 * std < found < 1.15 * std + bend
+
+
+def test_slow_or_constant_channels_show_no_fast_noise() -> None:
+    values = np.random.default_rng(0).normal(size=400)
+    fast = make_repeats([values])
+    slow = [
+        replace(e, measured={"force": TimeSeries(20.0 * s.time, s.value)}) for e in fast for s in [e.measured["force"]]
+    ]
+    assert estimate_fast_noise(slow, [{"force": values}]) == {}
+    assert estimate_fast_noise(fast, [{"force": np.ones(400)}]) == {}
+    assert estimate_fast_noise(make_repeats([values[:40]]), [{"force": values[:40]}]) == {}

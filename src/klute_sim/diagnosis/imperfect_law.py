@@ -17,6 +17,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.repeats import Residuals
+from klute_sim.diagnosis.noise.trial_noise import estimate_fast_noise
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.candidates import list_further_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
@@ -40,7 +41,7 @@ MAX_ADEQUATE_MODELS = 3
 """Number of models that are tested for reaching the noise between repeats."""
 
 MIN_EXPLAINED_RMS_RATIO = 1.0
-"""Smallest RMS that names explain in some channel, over the noise between repeats (assumed: where no model reaches the
+"""Smallest RMS that names explain in some channel, over the noise (assumed: where no model reaches the
 noise, the law is off by about as much, and any effect that resembles its error explains it)."""
 
 
@@ -69,12 +70,13 @@ def select_by_prediction(
     seen = data.with_experiments([e for e in experiments if e.use != "test" and e.measured.keys() & data.noise])
     seen, residuals = _drop_diverging_trials(seen, seen_fits)
     weighted = weight_by_law_error(data, seen.experiments, residuals)
-    # Without repeats, the noise of the data is the misfit itself.
-    repeat_noise = dict(data.noise) if search.has_repeats else {}
+    noise_std = {channel: noise.std for channel, noise in data.noise.items()}
+    if not search.has_repeats:  # the noise of the data is the misfit itself
+        noise_std = estimate_fast_noise(seen.experiments, residuals)
     # With the error of the law as noise, numbers at the limits of their declared uncertainties may move away from them.
     open_terms = {term for fit in seen_fits for term in list_further_terms(search.candidate_terms, fit)}
     candidates = [term for term in search.candidate_terms if term in open_terms]
-    selection = PredictiveSelection(weighted, repeat_noise, candidates, report_stage, seed)
+    selection = PredictiveSelection(weighted, noise_std, candidates, report_stage, seed)
     known = [fit.hypothesis.terms for step in search.history for fit in step.refits[:1] if step.added_term]
     base = replace(best_fit.hypothesis, terms=())
     base_fit = fit_hypothesis(weighted, base)
@@ -123,17 +125,17 @@ def find_adequate_model(
 
 
 def compute_explained_rms_ratio(selection: PredictiveSelection, result: PredictiveResult) -> float:
-    """Return the RMS that the chosen model explains beyond the base model, over the noise between repeats.
+    """Return the RMS that the chosen model explains beyond the base model, over the noise of the selection.
 
-    The largest of all channels counts; infinite without repeats.
+    The largest of all channels counts; infinite where no noise is known.
     """
     fractions = []
-    for channel, noise in selection.repeat_noise.items():
+    for channel, std in selection.noise_std.items():
         before, after = (
             float(np.mean(np.concatenate([row[channel] for row in model.fit.residuals if channel in row]) ** 2))
             for model in (result.base, result.chosen)
         )
-        fractions.append(np.sqrt(max(0.0, before - after)) / noise.std)
+        fractions.append(np.sqrt(max(0.0, before - after)) / std)
     return float(max(fractions, default=np.inf))
 
 
@@ -168,7 +170,7 @@ def decide_verdict(
         f"{names} {'explain' if len(chosen.terms) > 1 else 'explains'} {100 * result.share:.0f} % of the squared error "
         f"of prediction above the noise; of the selections that leave out one {kind}, these choose it: {stability}.",
     ]
-    if result.share >= 1.0:
+    if result.share >= 1.0 and has_repeats:
         reasons.append(
             "The predictions are closer to the data than the noise between repeats, so this noise is estimated too "
             "large, and nothing is known of what remains."
@@ -181,7 +183,8 @@ def decide_verdict(
     if explained_rms_ratio < MIN_EXPLAINED_RMS_RATIO:
         reasons.append(
             f"In the channel that changes most, this is an RMS of {explained_rms_ratio:.2f} times the noise between "
-            f"repeats; {MIN_EXPLAINED_RMS_RATIO:.2f} times are required: the error of the law is about as large."
+            f"{'repeats' if has_repeats else 'samples'}; {MIN_EXPLAINED_RMS_RATIO:.2f} times are required: the error "
+            "of the law is about as large."
         )
         return ImperfectLawDecision(unexplained, reasons)
     if result.has_proxies:

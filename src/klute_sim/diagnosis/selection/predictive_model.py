@@ -110,7 +110,7 @@ class PredictiveResult:
     share: float
     """Share of the explainable error of prediction that the chosen model takes, at most 1; noise is not explained."""
     noise: float
-    """Squared error of prediction that the noise between repeats alone makes; 0 without repeats."""
+    """Squared error of prediction that the noise between repeats alone makes; without repeats, that of fast noise."""
     fold_kind: str
     """What is left out: 'condition', 'specimen' or 'part'."""
     n_folds: int

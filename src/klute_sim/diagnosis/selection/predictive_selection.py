@@ -24,7 +24,6 @@ from scipy.optimize import lsq_linear
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, complete_fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
-from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.bounds import restore_declared_numbers, simplify_at_bound
 from klute_sim.diagnosis.selection.candidates import is_same_cause
 from klute_sim.diagnosis.selection.forward_selection import DIVERGENCE_REASON, ForwardSelection
@@ -94,8 +93,8 @@ class PredictiveSelection:
     data: WeightedData
     """All trials but the test trials, weighted by the error of the law
     (:mod:`klute_sim.diagnosis.fitting.law_error_weights`)."""
-    repeat_noise: dict[str, Noise]
-    """Noise between repeats of each channel."""
+    noise_std: Mapping[str, float]
+    """Channel -> standard deviation of its noise [SI]: between repeats, or without them the fast part of it."""
     candidate_terms: Sequence[EffectTerm]
     """Terms that may be added."""
     report_stage: Callable[[str], None] = lambda stage: None
@@ -296,11 +295,11 @@ class PredictiveSelection:
     def compute_fold_noise(self, fold: Sequence[FoldPart]) -> float | None:
         """Return what noise alone gives in :meth:`compute_fold_error`; None where no channel has a known noise."""
         fractions = [
-            self.repeat_noise[channel].std ** 2 / self.data.noise[channel].std ** 2
+            self.noise_std[channel] ** 2 / self.data.noise[channel].std ** 2
             for part in fold
             for channel in self.data.experiments[part.trial].measured
             if channel in self.data.noise
-            and channel in self.repeat_noise
+            and channel in self.noise_std
             and part.select(self.data.experiments[part.trial], channel).any()
         ]
         return float(np.mean(fractions)) if fractions else None
