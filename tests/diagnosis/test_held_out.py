@@ -168,6 +168,17 @@ def test_trials_in_which_the_effects_do_not_act_confirm_none(dataset: datasets.D
     assert (refuted.held_out, refuted.verdict) == ("not-confirmed", "unexplained")
 
 
+@pytest.mark.parametrize(("is_exercised", "held_out"), [(False, "not-tested"), (True, "not-confirmed")])
+def test_noise_of_single_trials_in_which_the_effects_do_not_act_refutes_none(
+    is_exercised: bool, held_out: str, dataset: datasets.Dataset
+) -> None:
+    diagnosis = make_diagnosis(dataset, "identified-in-part", refitted=3.0, with_effects=3.0, noise_floor=None)
+    record_confirmation(diagnosis, is_exercised=is_exercised)
+    assert diagnosis.held_out == held_out
+    assert diagnosis.verdict == ("unexplained" if is_exercised else "identified-in-part")
+    assert not diagnosis.is_worse_on_test
+
+
 @pytest.mark.parametrize(
     ("nominal", "refitted", "with_effects", "recommended"),
     [

@@ -13,6 +13,7 @@ from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.misfit import MIN_MISFIT_FRACTION, Misfit, estimate_misfit, is_significant
 from klute_sim.diagnosis.noise.repeats import Residuals
+from klute_sim.diagnosis.noise.trial_noise import estimate_fast_noise
 from klute_sim.diagnosis.result import ChannelRms, Diagnosis, RecommendedDevice, Verdict
 from klute_sim.types import Array
 
@@ -223,7 +224,8 @@ def record_test_misfit(
 def exercises_effects(diagnosis: Diagnosis, evaluated: WeightedData, residuals: Residuals) -> bool:
     """Return whether the added effects change a channel of the ``evaluated`` trials by more than noise hides.
 
-    ``residuals`` are those of the final fit. A channel whose noise is unknown tells nothing, so its effects count.
+    ``residuals`` are those of the final fit. Where neither repeats nor successive samples show the noise of a channel,
+    its effects count.
     """
     assert diagnosis.final_fit is not None
     fit = diagnosis.final_fit
@@ -234,7 +236,8 @@ def exercises_effects(diagnosis: Diagnosis, evaluated: WeightedData, residuals: 
     for channel, gap in diagnosis.channel_rms.items():
         rows = zip(residuals, bare_residuals, strict=True)
         change = np.concatenate([row[channel] - bare_row[channel] for row, bare_row in rows if channel in row])
-        is_hidden = float(np.sqrt(np.mean(change**2))) <= MIN_MISFIT_FRACTION * (gap.noise_floor or 0.0)
+        noise = gap.noise_floor or gap.fast_noise or 0.0
+        is_hidden = float(np.sqrt(np.mean(change**2))) <= MIN_MISFIT_FRACTION * noise
         if not is_hidden:  # or the simulation without the effects diverges
             return True
     return False
@@ -243,8 +246,10 @@ def exercises_effects(diagnosis: Diagnosis, evaluated: WeightedData, residuals: 
 def record_confirmation(diagnosis: Diagnosis, *, is_exercised: bool = True) -> None:
     """Set whether the test trials confirm the added effects, and demote a verdict that they do not confirm.
 
-    Trials in which the effects change nothing (not ``is_exercised``) confirm none, however well they are predicted.
+    Trials in which the effects change nothing (not ``is_exercised``) confirm none, however well they are predicted. If
+    they are not repeated, what they leave may be noise, so they refute none either.
     """
+    has_noise = any(gap.noise_floor for gap in diagnosis.channel_rms.values())
     squares = [  # a gap below the noise is none, and makes up for no other
         np.maximum(0.0, np.square([gap.refitted, gap.with_effects]) / gap.noise_floor**2 - 1.0)
         for gap in diagnosis.channel_rms.values()
@@ -253,19 +258,19 @@ def record_confirmation(diagnosis: Diagnosis, *, is_exercised: bool = True) -> N
     if not squares:  # no model leaves a gap
         return
     refitted, with_effects = np.sum(squares, axis=0)
-    diagnosis.is_worse_on_test = bool(with_effects > refitted + NEGLIGIBLE_GAP * len(squares))
     max_remaining = MAX_REMAINING_FRACTION
     if diagnosis.prediction is not None:
         max_remaining = 1.0 - MIN_SHARE_FRACTION * diagnosis.prediction.share
     is_confirmed = bool(with_effects <= max(max_remaining * refitted, NEGLIGIBLE_GAP * len(squares)))
-    diagnosis.held_out = "confirmed" if is_confirmed else "not-confirmed"
-    if is_confirmed and not is_exercised:
-        diagnosis.held_out = "not-tested"
+    is_refuted = not is_confirmed and (is_exercised or has_noise)
+    diagnosis.is_worse_on_test = bool(is_refuted and with_effects > refitted + NEGLIGIBLE_GAP * len(squares))
+    diagnosis.held_out = "not-confirmed" if is_refuted else "confirmed" if is_exercised else "not-tested"
+    if diagnosis.held_out == "not-tested":
         diagnosis.reasons.append(
             f"The test trials cannot confirm the added effects, which change no channel there by more than "
             f"{100 * MIN_MISFIT_FRACTION:.0f} % of the noise. Set use = 'test' for a trial that shows them."
         )
-    if diagnosis.verdict in ("identified", "identified-in-part", "indistinguishable") and not is_confirmed:
+    if is_refuted and diagnosis.verdict in ("identified", "identified-in-part", "indistinguishable"):
         diagnosis.verdict = "unexplained"
         sentence = (
             "The test trials do not confirm the effects: the gap does not shrink there as it did on the other trials."
@@ -351,6 +356,7 @@ def _compute_residuals(diagnosis: Diagnosis, data: WeightedData) -> tuple[Weight
     noise = data.noise if data_quality.has_repeats(data.experiments) else {}
     unscaled = [replace(e, noise_scale={}) for e in evaluated.experiments]
     noise = {**noise, **repeats.estimate_noise_from_repeats(unscaled, residuals[2])}
+    fast_noise = estimate_fast_noise(evaluated.experiments, residuals[2])
     for channel in repeats.list_channels(evaluated.experiments):
         # Samples after which the inputs are unknown count less, as in the fit.
         weights = np.concatenate(
@@ -370,6 +376,7 @@ def _compute_residuals(diagnosis: Diagnosis, data: WeightedData) -> tuple[Weight
             with_effects=rms[2],
             noise_floor=noise[channel].std if channel in noise else None,
             nominal_unweighted=float(np.sqrt(np.mean(squares[0]))) if np.ptp(weights) else None,
+            fast_noise=fast_noise.get(channel),
         )
     return evaluated, residuals[2]
 

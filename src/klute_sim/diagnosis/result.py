@@ -65,6 +65,8 @@ class ChannelRms:
     """Noise between repeats, the lower limit of any model; None without repeats."""
     nominal_unweighted: float | None = None
     """Residual with the nominal device if all samples count alike; None where they count alike anyway."""
+    fast_noise: float | None = None
+    """Noise that successive samples show, an estimate for trials without repeats; None where they show none."""
 
 
 @dataclass(eq=False, kw_only=True)
