@@ -77,9 +77,11 @@ def test_zeros_are_told(
 @pytest.mark.parametrize(
     "options",
     [
-        {},
+        pytest.param({}, marks=pytest.mark.slow),
         {"distort": {"force": lambda time, force: 1.05 * force}},
-        {"distort": {"force": lambda time, force: np.interp(time - 0.02, time, force)}},
+        pytest.param(
+            {"distort": {"force": lambda time, force: np.interp(time - 0.02, time, force)}}, marks=pytest.mark.slow
+        ),
         {"effects": {("muscle_damping", "viscous"): {"damping_n_s_per_m": 400.0}}},
     ],
     ids=["nothing", "gain", "lag", "damping"],

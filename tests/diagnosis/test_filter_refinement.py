@@ -124,7 +124,7 @@ def test_signals_show_the_delay(
     assert sentence.endswith(sentence_end)
 
 
-@pytest.mark.parametrize("is_trailing", [False, True])
+@pytest.mark.parametrize("is_trailing", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_signals_show_whether_a_window_is_trailing(tmp_path: Path, simulator: Simulator, is_trailing: bool) -> None:
     data = write_dataset(tmp_path / "data", groups=GROUPS)
     centred, trailing = (WindowFilter(20, 200.0, is_trailing=each) for each in (False, True))
@@ -155,6 +155,7 @@ def test_inputs_that_were_averaged_alike_leave_no_filter(tmp_path: Path, simulat
     assert "agree better with an unfiltered simulation" in sentence
 
 
+@pytest.mark.slow
 def test_filter_without_delay_keeps_none(tmp_path: Path, simulator: Simulator) -> None:
     data = write_dataset(tmp_path / "data", groups=GROUPS, distort={"force": lambda time, force: 1.05 * force})
     before, after = refine(load_dataset(data), simulator, ZERO_LAG, ZERO_LAG, AMPLIFIER)
@@ -168,7 +169,9 @@ def test_filter_without_delay_keeps_none(tmp_path: Path, simulator: Simulator) -
         pytest.param(
             "unexplained", True, "nothing-missing", True, id="nothing explains the window", marks=pytest.mark.slow
         ),
-        pytest.param("identified", True, "unexplained", False, id="no model with the other window"),
+        pytest.param(
+            "identified", True, "unexplained", False, id="no model with the other window", marks=pytest.mark.slow
+        ),
         pytest.param("identified", False, "identified", False, id="no clock is named"),
     ],
 )

@@ -73,7 +73,9 @@ def test_last_digits_behind_the_filter_change_nothing() -> None:
     assert measure_cutoff(*forces) == pytest.approx(10.0, rel=0.05)
 
 
-@pytest.mark.parametrize(("kind", "order"), [("butterworth", 4), ("butterworth", 8), ("bessel", 6)])
+@pytest.mark.parametrize(
+    ("kind", "order"), [("butterworth", 4), pytest.param("butterworth", 8, marks=pytest.mark.slow), ("bessel", 6)]
+)
 @pytest.mark.parametrize("cutoff", [pytest.param(8.0, marks=pytest.mark.slow), 30.0])
 def test_noise_shows_the_filter_of_an_amplifier(kind: str, order: int, cutoff: float) -> None:
     found = detect(*(amplify(REVERSALS + make_noise(k), cutoff, order, kind) for k in range(6)))

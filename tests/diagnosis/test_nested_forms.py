@@ -50,6 +50,7 @@ def fit_valve(data: WeightedData, base_fit: Fit, term: EffectTerm, max_nfev: int
     return fit_hypothesis(data, hypothesis, start, max_nfev=max_nfev)
 
 
+@pytest.mark.slow
 def test_fit_in_a_local_minimum_begins_at_the_simpler_form(prepared: tuple[WeightedData, Fit]) -> None:
     data, base_fit = prepared
     simple = fit_valve(data, base_fit, SYMMETRIC, 30, resistance_s_bar_per_dm3=0.6, critical_ratio=0.5)

@@ -33,7 +33,10 @@ def test_noise_shows_the_moving_average(n_samples: int, seed: int) -> None:
     assert none == {}
 
 
-@pytest.mark.parametrize(("n_samples", "degree"), [(11, 2), (51, 2), (51, 4), (101, 2)])
+@pytest.mark.parametrize(
+    ("n_samples", "degree"),
+    [(11, 2), pytest.param(51, 2, marks=pytest.mark.slow), (51, 4), pytest.param(101, 2, marks=pytest.mark.slow)],
+)
 def test_noise_shows_the_savitzky_golay_filter(n_samples: int, degree: int) -> None:
     found = detect(lambda values: savgol_filter(values, n_samples, degree + 1))
     assert found[0] == {"force": WindowFilter(n_samples, RATE_HZ, degree)}

@@ -217,7 +217,13 @@ def test_second_thread_is_refused_while_the_first_steps(name: str) -> None:
     env.step(make_action(env))
 
 
-@pytest.mark.parametrize("backends", [("compiled", "compiled"), ("python", "python"), ("python", "compiled")])
+@pytest.mark.parametrize(
+    "backends",
+    [
+        *(pytest.param((name, name), marks=pytest.mark.slow) for name in ("compiled", "python")),
+        ("python", "compiled"),
+    ],
+)
 def test_environments_in_two_threads_equal_one_after_the_other(name: str, backends: tuple[str, str]) -> None:
     def run(backend: str, seed: int) -> list[np.ndarray]:
         env = make_single(name, backend=backend)  # compiles a model while the other steps
@@ -280,7 +286,15 @@ def test_invalid_vector_options_are_refused(name: str) -> None:
             gymnasium.make_vec(name, vectorization_mode="vector_entry_point", **options)
 
 
-@pytest.mark.parametrize("slot", ["act_dyn", "act_gain", "act_bias", "control", "passive", "sensor", "contactfilter"])
+@pytest.mark.parametrize(
+    "slot",
+    [
+        "act_dyn",
+        *(pytest.param(slot, marks=pytest.mark.slow) for slot in ("act_gain", "act_bias", "passive", "sensor")),
+        "control",
+        "contactfilter",
+    ],
+)
 def test_callbacks_of_a_user_are_neither_called_nor_lost(name: str, slot: str) -> None:
     def fail(*arguments: object) -> float:
         raise AssertionError(slot)

@@ -27,7 +27,7 @@ def get_section(name: str) -> FootSection:
     return section
 
 
-@pytest.mark.parametrize("shoe", ["", "+shoe"])
+@pytest.mark.parametrize("shoe", [pytest.param("", marks=pytest.mark.slow), "+shoe"])
 @pytest.mark.parametrize("name", ELASTIC_FEET)
 def test_bench_measures_what_the_section_states(name: str, shoe: str) -> None:
     section = get_section(name + shoe)

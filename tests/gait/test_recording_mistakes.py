@@ -69,7 +69,9 @@ def imitate(trial: Trial, effects: str) -> Trial:
 @pytest.mark.parametrize(
     "seconds", [-0.02, *(pytest.param(seconds, marks=pytest.mark.slow) for seconds in (0.015, 0.05, 0.3))]
 )
-@pytest.mark.parametrize("channels", [("force", "ankle_angle"), ("force", "muscle_length")])
+@pytest.mark.parametrize(
+    "channels", [("force", "ankle_angle"), pytest.param(("force", "muscle_length"), marks=pytest.mark.slow)]
+)
 def test_delay_of_the_plate_is_measured(walk: Trial, seconds: float, channels: tuple[str, ...]) -> None:
     (finding,) = find_recording_mistakes([keep(delay(walk, seconds), *channels)])
     found = estimate_clock_delay(MeasuredTrial(keep(delay(walk, seconds), *channels)))
