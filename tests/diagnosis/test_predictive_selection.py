@@ -449,6 +449,10 @@ def test_noise_has_the_weights_of_the_errors() -> None:
     errors = [selection.compute_fold_error(fold, residuals) for fold in selection.folds]
     assert [selection.compute_fold_noise(fold) for fold in selection.folds] == pytest.approx(errors)
     assert np.mean(errors) == pytest.approx((0.5 * (0.01 + 0.64) + 3 * 0.01) / 4)
+    # Without repeats, the noise of a slow channel is unknown; that of another one does not stand in for it.
+    selection.noise_std = {"pressure": 0.8}
+    noise = [selection.compute_fold_noise(fold) for fold in selection.folds]
+    assert noise == pytest.approx([0.5 * 0.64, 0.0, 0.0, 0.0])
 
 
 def test_forms_that_contain_that_of_a_leading_single_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:

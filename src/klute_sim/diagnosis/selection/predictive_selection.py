@@ -292,17 +292,15 @@ class PredictiveSelection:
         ]
         return float(np.mean(squares)) if squares else 0.0
 
-    def compute_fold_noise(self, fold: Sequence[FoldPart]) -> float | None:
-        """Return what noise alone gives in :meth:`compute_fold_error`; None where no channel has a known noise."""
+    def compute_fold_noise(self, fold: Sequence[FoldPart]) -> float:
+        """Return what noise alone gives in :meth:`compute_fold_error`; a channel of unknown noise counts as exact."""
         fractions = [
-            self.noise_std[channel] ** 2 / self.data.noise[channel].std ** 2
+            self.noise_std.get(channel, 0.0) ** 2 / self.data.noise[channel].std ** 2
             for part in fold
             for channel in self.data.experiments[part.trial].measured
-            if channel in self.data.noise
-            and channel in self.noise_std
-            and part.select(self.data.experiments[part.trial], channel).any()
+            if channel in self.data.noise and part.select(self.data.experiments[part.trial], channel).any()
         ]
-        return float(np.mean(fractions)) if fractions else None
+        return float(np.mean(fractions)) if fractions else 0.0
 
     def find_retained_rows(self, fold: Sequence[FoldPart], hypothesis: Hypothesis) -> Mask:
         """Return which weighted residuals of ``hypothesis``, priors among them, do not belong to ``fold``."""
@@ -355,8 +353,7 @@ class PredictiveSelection:
             models = self._add_simplified(base, refined, models)
 
     def _decide(self, base: PredictiveModel, models: Sequence[PredictiveModel]) -> PredictiveResult:
-        fold_noise = [noise for noise in map(self.compute_fold_noise, self.folds) if noise is not None]
-        noise = float(np.mean(fold_noise)) if fold_noise else 0.0
+        noise = float(np.mean([self.compute_fold_noise(fold) for fold in self.folds]))
         models = refuse_redundant_terms(base, models, len(self.folds), noise)
         nameable = list_nameable_models(models, len(self.folds))
         chosen, stability = choose_stable_model(nameable, len(self.folds), noise) if nameable else (base, {})
