@@ -40,14 +40,14 @@ def test_names_that_refused_models_replace_stand_in_for_something_else() -> None
     assert "something else is missing" in decision.reasons[-1]
 
 
-@pytest.mark.parametrize(("gain", "is_absurd"), [(1.2, False), (1.4, True), (0.6, True), (2.0, True)])
-def test_gain_that_no_load_cell_has_stands_in_for_nothing(gain: float, is_absurd: bool) -> None:
+@pytest.mark.parametrize(("gain", "is_impossible"), [(1.2, False), (1.4, True), (0.6, True), (2.0, True)])
+def test_gain_that_no_load_cell_has_stands_in_for_nothing(gain: float, is_impossible: bool) -> None:
     """A load cell that reads double, at the bound, is no rival of an effect that is twice as large."""
     pair = make_model((FRICTION, TENSION), [0.2] * 6)
     doubled = make_model((GAIN,), [0.2] * 6, "it is further off than instruments are")
     hypothesis = doubled.fit.hypothesis
     refused = replace(doubled.fit, x=np.array([hypothesis.parameters[0].normalize(gain)]))
-    assert are_proxies(pair, [pair, replace(doubled, fit=refused), BASE]) != is_absurd
+    assert are_proxies(pair, [pair, replace(doubled, fit=refused), BASE]) != is_impossible
 
 
 def test_number_of_a_declared_effect_is_no_fault() -> None:

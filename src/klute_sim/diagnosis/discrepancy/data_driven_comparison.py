@@ -25,7 +25,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.localization.equation_residuals import compute_equation_residuals
 from klute_sim.diagnosis.selection.bounds import simplify_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
-from klute_sim.diagnosis.selection.naming import MAX_IMITATED_GAIN_ERROR
+from klute_sim.diagnosis.selection.naming import MAX_POSSIBLE_GAIN_ERROR
 from klute_sim.diagnosis.selection.predictive_model import (
     MAX_RIVAL_RATIO,
     MIN_TERM_SHARE,
@@ -221,14 +221,14 @@ def _predict_with_reading(
 ) -> DataDrivenModel | None:
     """Return the model with ``functions`` in the reading of ``channel``, and its error of prediction.
 
-    Returns None where the instrument would have a gain that none has.
+    Returns None where the gain of the instrument would be wrong by more than :data:`MAX_POSSIBLE_GAIN_ERROR`.
     """
     columns = np.column_stack([base_fit.jacobian, *(function.sensitivity for function in functions)])
     target = -base_fit.weighted_residuals
     coefficients = np.linalg.lstsq(columns, target)[0][-len(functions) :]
     terms = []
     for coefficient, function in zip(coefficients, functions, strict=True):
-        if function.factor == channel and abs(coefficient) > MAX_IMITATED_GAIN_ERROR:
+        if function.factor == channel and abs(coefficient) > MAX_POSSIBLE_GAIN_ERROR:
             return None
         terms.append(f"{coefficient:+.3g} {function.unit}" + (f" of '{function.factor}'" if function.factor else ""))
     errors = []

@@ -18,9 +18,10 @@ from klute_sim.effects.families import instrument
 MAX_INSTRUMENT_FRACTION = 0.1
 """Largest plausible error of an instrument, as a fraction of the range of its channel: gain, offset, and drift over the
 longest trial (assumed; a worse instrument is seen in its own calibration)."""
-MAX_IMITATED_GAIN_ERROR = 0.3
-"""Largest error of the gain of an instrument that says anything about another cause (assumed: three times the plausible
-one). A friction that is declared half too small looks like a load cell that reads double; no load cell does."""
+MAX_POSSIBLE_GAIN_ERROR = 0.3
+"""Largest error of a gain that an instrument may have at all (assumed: three times :data:`MAX_INSTRUMENT_FRACTION`). A
+larger one refutes no other cause: a friction that is declared half too small looks like a load cell that reads
+double, and no load cell does."""
 MIN_DELAY_INTERVALS = 0.5
 """Shortest lag or shift of a clock that is named, in sampling intervals of its channel or of all channels (median),
 whichever is longer (assumed: between logged samples the simulation follows a straight line, whose corners may be off by
@@ -93,12 +94,12 @@ def find_implausible_instrument(data: WeightedData, fit: Fit) -> EffectTerm | No
     return None
 
 
-def has_absurd_instrument(fit: Fit) -> bool:
-    """Return whether ``fit`` has a fault of an instrument at its bound, or beyond :data:`MAX_IMITATED_GAIN_ERROR`."""
+def has_impossible_instrument(fit: Fit) -> bool:
+    """Return whether ``fit`` has a fault of an instrument at its bound, or beyond :data:`MAX_POSSIBLE_GAIN_ERROR`."""
     if any(term.channel is not None for term in find_terms_at_bound(fit)):
         return True
     gains = (term for term in fit.hypothesis.terms if term.effect == instrument.SENSOR_GAIN.name)
-    return any(abs(_collect_values(fit, term)["gain"] - 1.0) > MAX_IMITATED_GAIN_ERROR for term in gains)
+    return any(abs(_collect_values(fit, term)["gain"] - 1.0) > MAX_POSSIBLE_GAIN_ERROR for term in gains)
 
 
 def find_implausible_number(fit: Fit) -> tuple[EffectTerm, float] | None:

@@ -13,7 +13,7 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import EFFECTS
 from klute_sim.diagnosis.noise.repeats import group_repeats
-from klute_sim.diagnosis.selection.naming import has_absurd_instrument
+from klute_sim.diagnosis.selection.naming import has_impossible_instrument
 from klute_sim.types import Array, Mask
 
 MIN_CONDITIONS, MIN_SPECIMENS = 3, 3
@@ -299,7 +299,7 @@ def are_proxies(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> b
     what is missing resembles both, so neither is its name. A fault that no instrument has resembles nothing. A single
     name is judged by its rivals alone.
     """
-    refused = [model for model in models if model.terms and model.obstacle and not has_absurd_instrument(model.fit)]
+    refused = [model for model in models if model.terms and model.obstacle and not has_impossible_instrument(model.fit)]
     return len(chosen.terms) > 1 and list_replaced_names(chosen, refused) == chosen.identities
 
 
