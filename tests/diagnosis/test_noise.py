@@ -9,7 +9,7 @@ import pytest
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.trial import SensorLimits, TimeSeries
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
-from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.prepare import compute_slow_deviation, prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise import repeats as noises
@@ -259,6 +259,16 @@ def test_stated_input_noise_that_repeats_do_not_show_counts_as_shared(
     scales = np.concatenate([e.input_error_scale["force"] for e in scaled])
     median = float(np.median(scales))
     assert median > 8.0 if is_shared else median == 1.0  # single samples of a steep force may be more sensitive
+
+
+@pytest.mark.parametrize(("stated", "slow"), [(0.5, 0.0), (1.0, 0.0), (3.0, 8.0**0.5)])
+def test_white_noise_of_an_input_is_no_shared_error(stated: float, slow: float) -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    motion = 100.0 * np.sin(2.0 * np.pi * time)
+    motion[time % 1.0 > 0.6] = np.nan  # a swing has no centre of pressure
+    measured = TimeSeries(time, motion + np.random.default_rng(0).normal(0.0, 1.0, len(time)))
+    assert compute_slow_deviation(measured, stated) == pytest.approx(slow, abs=0.3)
+    assert compute_slow_deviation(TimeSeries(time, motion), stated) == pytest.approx(stated, rel=0.01)
 
 
 def test_stated_input_noise_is_evaluated_at_the_samples_that_are_compared(tmp_path: Path) -> None:

@@ -226,7 +226,8 @@ class Experiment(ABC):
     """Friction with which a trial on a bench begins, over all that the device can hold: 1 after it was lengthened, -1
     after it was shortened, 0 for none."""
     noisy_variants: "tuple[Experiment, ...]" = ()
-    """For each prescribed channel with stated noise: the trial with this channel off by one standard deviation."""
+    """For each prescribed channel whose stated noise is not all white: the trial with this channel off by one standard
+    deviation of the rest."""
 
     @property
     def zero_order_hold_noisy_variants(self) -> "tuple[Experiment, ...]":

@@ -1,5 +1,6 @@
 """Preparation of all trials of a dataset for simulation on its rig."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -9,10 +10,11 @@ import numpy as np
 from klute_sim.datasets.channels import RigName
 from klute_sim.datasets.dataset import Dataset
 from klute_sim.datasets.split import Split
-from klute_sim.datasets.trial import Trial, Use
+from klute_sim.datasets.trial import TimeSeries, Trial, Use
 from klute_sim.device.device import check_accepts_pressure
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.bench import prepare_bench_trial
+from klute_sim.diagnosis.experiments.denoise import estimate_white_noise
 from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
 from klute_sim.diagnosis.experiments.held_samples import drop_held_samples
 from klute_sim.diagnosis.experiments.interpolated_samples import drop_interpolated_samples
@@ -61,6 +63,17 @@ def clean_recordings(trials: Sequence[Trial]) -> list[Trial]:
     return [remove_mains_hum(drop_interpolated_samples(drop_held_samples(trial))) for trial in trials]
 
 
+def compute_slow_deviation(series: TimeSeries, deviation: float) -> float:
+    """Return the standard deviation of what is not white in noise of ``deviation``, in the unit of ``series``.
+
+    White noise shows in ``series`` itself and differs between repeats, so it is in their noise already. All else may be
+    an error that they share, like that of a zero.
+    """
+    is_sampled = np.isfinite(series.value)  # a swing has no centre of pressure
+    white = estimate_white_noise(series.time[is_sampled], series.value[is_sampled])
+    return math.sqrt(max(0.0, deviation**2 - white**2))
+
+
 def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
     if dataset.mechanism is None:
         prepare_linear = TRIAL_PREPARERS[dataset.rig]
@@ -78,8 +91,10 @@ def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
     variants = []
     for channel, deviation in trial.input_noise.items():
         series = trial.prescribed[channel]
-        shifted = {**trial.prescribed, channel: series._replace(value=series.value + deviation)}
-        variants.append(prepare(replace(trial, prescribed=shifted), use))
+        shift = compute_slow_deviation(series, deviation)
+        if shift > 0.0:
+            shifted = {**trial.prescribed, channel: series._replace(value=series.value + shift)}
+            variants.append(prepare(replace(trial, prescribed=shifted), use))
     return replace(
         prepare(trial, use),
         has_logged_updates=shows_hold,

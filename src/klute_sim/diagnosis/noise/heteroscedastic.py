@@ -5,7 +5,8 @@ variance of a channel is modelled as ``A + B s_p^2 + C s_L^2`` with nonnegative 
 the commanded pressure and ``s_L`` to the prescribed length (in gait: to the centre of pressure) come from two
 simulations, the coefficients from the deviations of repeats. While a regulator limits the rate of the pressure, timing
 matters as well: the start of a pressure change is known to within one time step, and the resulting variance is added.
-Noise that the user states for a prescribed channel, and that repeats do not show, is an error that they share.
+Noise that the user states for a prescribed channel is white as far as the channel shows it; the rest, where repeats do
+not show it, is an error that they share.
 """
 
 from collections.abc import Mapping, Sequence
@@ -162,7 +163,7 @@ def _compute_input_errors(
 def _compute_stated_variances(
     experiments: Sequence[Experiment], rows: Sequence[Mapping[str, Array]], simulator: Simulator
 ) -> list[dict[str, Array]]:
-    """Return for each experiment: channel -> variance [SI^2] from the stated noise of its prescribed channels.
+    """Return for each experiment: channel -> variance [SI^2] from the stated noise of its inputs that is not white.
 
     ``rows`` hold the sensitivities. The noise of each prescribed channel is independent of that of the others.
     """
