@@ -25,6 +25,7 @@ from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.workflow import diagnose
 from klute_sim.errors import InputError
 from klute_sim.gait.replay.foot import build_device_foot
+from klute_sim.report.diagnosis.text import describe_verdict
 from tests.diagnosis import synthetic_gait_dataset as synthetic_gait_dataset
 
 pytestmark = pytest.mark.slow
@@ -278,7 +279,8 @@ def test_small_encoder_offset_belongs_to_the_registration(tmp_path: Path) -> Non
     result = diagnose(data, DiagnosisOptions(only=("sensor_offset", "sensor_gain", "tendon_slack")))
     assert result.verdict == "nothing-missing"
     assert list_terms(result) == []
-    assert any("the zero of the ankle angle" in reason for reason in result.reasons)
+    assert any("the ankle angle is" in reason and "smaller" in reason for reason in result.reasons)
+    assert describe_verdict(result).startswith("Nothing is missing once the registration is corrected: ")
     assert result.final_fit is not None
     names = [parameter.name for parameter in result.final_fit.hypothesis.parameters]
     zero = result.final_fit.values[names.index("registration.ankle_zero_deg")]

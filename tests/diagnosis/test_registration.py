@@ -14,6 +14,7 @@ from klute_sim.diagnosis.experiments.registration import (
     PlateLoad,
     Registration,
     describe_registration,
+    list_corrections,
     make_registration,
 )
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -71,9 +72,16 @@ def test_corrections_that_matter_are_told() -> None:
         ("registration.plate_gain_pct", -0.03, (-0.1, 0.04)),
         ("tendon.stiffness_1_n_per_mm", 60.0, (59.0, 61.0)),
     ]
-    (sentence,) = describe_registration(rows, REGISTRATION_DEVIATIONS)
+    (sentence,) = describe_registration(list_corrections(rows, REGISTRATION_DEVIATIONS))
     assert "the centre of pressure lies 5 [4.7, 5.2] mm further back than measured" in sentence
-    assert describe_registration(rows[1:], REGISTRATION_DEVIATIONS) == []
+    assert describe_registration(list_corrections(rows[1:], REGISTRATION_DEVIATIONS)) == []
+
+
+@pytest.mark.parametrize(("name", "statement"), [("ankle_zero_deg", "smaller"), ("cop_to_ankle_mm", "further forward")])
+def test_corrections_say_how_the_truth_differs_from_the_data(name: str, statement: str) -> None:
+    """A zero is subtracted from the angle, and a distance is added to the position."""
+    (correction,) = list_corrections([(f"registration.{name}", 8.0, (7.0, 9.0))], REGISTRATION_DEVIATIONS)
+    assert correction.endswith(statement)
 
 
 def test_no_error_changes_nothing() -> None:

@@ -95,6 +95,8 @@ class Diagnosis:
     """Effects that were found and left out, because their interval contains their absence."""
     confidence_intervals: list[tuple[float, float]] = field(default_factory=list)
     """95 % confidence intervals of the parameters of the final fit."""
+    registration_corrections: Sequence[str] = ()
+    """Statements about the corrections of the registration that matter: how the truth differs from the data."""
     equivalent_models: list[EquivalentModel] = field(default_factory=list)
     """Other models that explain the data as well, best first."""
     prediction: PredictiveResult | None = None

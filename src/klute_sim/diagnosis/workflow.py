@@ -27,7 +27,7 @@ from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.channel_filter import Filters
-from klute_sim.diagnosis.experiments.registration import describe_registration
+from klute_sim.diagnosis.experiments.registration import describe_registration, list_corrections
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.filter_refinement import collect_filters, reconsider_filters, refine_filters
 from klute_sim.diagnosis.final_model import (
@@ -177,9 +177,10 @@ def _run_workflow(
         selected = selected._replace(reasons=[*sentences, *selected.reasons])
     fit = selected.final_fit
     names = [parameter.name for parameter in fit.hypothesis.parameters]
-    reasons += describe_registration(
+    corrections = list_corrections(
         zip(names, fit.values, selected.confidence_intervals, strict=True), dict(fit.hypothesis.registration)
     )
+    reasons += describe_registration(corrections)
     if selected.verdict != "nothing-missing":
         reasons += describe_condition_registration(data, base_fit)
     if selected.verdict == "unexplained":
@@ -212,6 +213,7 @@ def _run_workflow(
         added_terms=final_fit.hypothesis.terms,
         absent_terms=selected.absent_terms,
         confidence_intervals=selected.confidence_intervals,
+        registration_corrections=corrections,
         equivalent_models=equivalent_models,
         prediction=selected.prediction,
         p_value=compute_p_value(data, base_fit) if search.has_repeats else None,

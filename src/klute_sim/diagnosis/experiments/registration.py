@@ -7,7 +7,7 @@ show one of up to about a sampling interval (:mod:`klute_sim.diagnosis.command_d
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -164,7 +164,7 @@ REGISTRATION_WORDS = {
     "registration.cop_to_ankle_mm": ("the centre of pressure lies {size} mm further {direction}", "forward", "back"),
     "registration.ankle_height_mm": ("the ankle axis lies {size} mm {direction}", "higher", "lower"),
     PLATE_GAIN: ("the forces of the plate are {size} % {direction}", "larger", "smaller"),
-    "registration.ankle_zero_deg": ("the zero of the ankle angle is {size} degrees {direction}", "higher", "lower"),
+    "registration.ankle_zero_deg": ("the ankle angle is {size} degrees {direction}", "smaller", "larger"),
     "registration.plate_delay_ms": ("the load of the plate came {size} ms {direction}", "earlier", "later"),
     COMMAND_DELAY: ("the pressure command acted {size} ms {direction}", "earlier", "later"),
 }
@@ -173,10 +173,10 @@ MIN_REPORTED_SIGMAS = 0.5
 """Smallest correction that is reported, in standard deviations of its prior (assumed)."""
 
 
-def describe_registration(
+def list_corrections(
     rows: Iterable[tuple[str, float, tuple[float, float]]], deviations: Mapping[str, float]
 ) -> list[str]:
-    """Return a sentence about the corrections of the registration that matter.
+    """Return a statement about each correction of the registration that matters: how the truth differs from the data.
 
     ``rows`` are names, fitted values and 95 % intervals of all parameters, in the units of their names, ``deviations``
     the standard deviations of those that belong to the registration.
@@ -190,6 +190,11 @@ def describe_registration(
             ends = sorted((abs(low), abs(high)))
             size = f"{abs(value):.2g} [{ends[0]:.2g}, {ends[1]:.2g}]"
             statements.append(statement.format(size=size, direction=direction))
-    if not statements:
+    return statements
+
+
+def describe_registration(corrections: Sequence[str]) -> list[str]:
+    """Return a sentence about ``corrections`` of :func:`list_corrections`, if any."""
+    if not corrections:
         return []
-    return [f"The fit corrected the registration (95 % intervals in brackets): {', '.join(statements)} than measured."]
+    return [f"The fit corrected the registration (95 % intervals in brackets): {', '.join(corrections)} than measured."]

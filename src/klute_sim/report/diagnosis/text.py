@@ -145,7 +145,11 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "nothing-missing" and not diagnosis.selection_history:
         return "Nothing relevant is missing: the misfit is within the stated tolerance."
     if diagnosis.verdict == "nothing-missing":
-        return "Nothing is missing: the simulation agrees with the data as well as repeats agree with each other."
+        condition = " once the registration is corrected" if diagnosis.registration_corrections else ""
+        return (
+            f"Nothing is missing{condition}: the simulation agrees with the data as well as repeats agree with each "
+            "other."
+        )
     if diagnosis.verdict == "unexplained":
         return _describe_unexplained(diagnosis)
     clauses = []
