@@ -20,6 +20,7 @@ from klute_sim.diagnosis.discrepancy.data_driven_rival import (
 )
 from klute_sim.diagnosis.discrepancy.sparse_regression import DataDrivenTermResult, _eliminate_functions
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
+from klute_sim.diagnosis.experiments.registration import COMMAND_DELAY
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
@@ -106,6 +107,8 @@ def test_true_name_is_not_beaten_and_an_imitation_is(tmp_path: Path, monkeypatch
         assert data_driven_model.difference < -search.bic_threshold
         assert not search.has_misfit(data_driven_model.fit)
         assert contains_names(data_driven_model.fit, named, [FRICTION])
+        delayed = replace(named.hypothesis, registration=((COMMAND_DELAY, 1.0),))  # another prior
+        assert contains_names(data_driven_model.fit, fit_hypothesis(search.data, delayed), [FRICTION])
         assert not contains_names(data_driven_model.fit, imitation, imitation.hypothesis.terms)
         assert find_data_driven_rival(search, base, imitation, ("unknown_force",)) is None
         # Where the simulation has an error of its own, the term must be better by more than that.

@@ -26,6 +26,7 @@ from klute_sim.diagnosis.selection.pair_screening import has_adequate_pair
 from klute_sim.diagnosis.selection.predictive_model import MIN_TERM_SHARE
 from klute_sim.diagnosis.selection.robustness import MAX_EXCESS_FRACTION, EquivalentModel
 from klute_sim.diagnosis.selection.validation import MAX_VALIDATION_LOSS
+from klute_sim.types import Array
 
 DECISIVE_MARGIN = 3.0
 """Margin of a data-driven term over names, in thresholds of BIC, from which no search for other names is worth its time
@@ -150,16 +151,20 @@ def contains_names(term_fit: Fit, named_fit: Fit, names: Iterable[EffectTerm]) -
     The sizes of all names then change the readings as a combination of the functions of the term does: of the squared
     sensitivities, the functions explain at least :data:`MIN_CONTAINED_SHARE`.
     """
-    functions = term_fit.jacobian[:, _find_columns(term_fit, term_fit.hypothesis.terms[-1:])]
-    sizes = named_fit.jacobian[:, _find_columns(named_fit, names)]
+    functions = _select_sensitivities(term_fit, term_fit.hypothesis.terms[-1:])
+    sizes = _select_sensitivities(named_fit, names)
     remainder = sizes - functions @ np.linalg.lstsq(functions, sizes)[0]
     return bool(np.all((remainder**2).sum(axis=0) <= (1.0 - MIN_CONTAINED_SHARE) * (sizes**2).sum(axis=0)))
 
 
-def _find_columns(fit: Fit, terms: Iterable[EffectTerm]) -> list[int]:
-    """Return the indices of the sizes of ``terms`` among the parameters of ``fit``; shapes are left out."""
-    indices = {fit.hypothesis.terms.index(term) for term in terms}
-    return [k for k, p in enumerate(fit.hypothesis.parameters) if p.term_index in indices and not p.is_logarithmic]
+def _select_sensitivities(fit: Fit, terms: Iterable[EffectTerm]) -> Array:
+    """Return the sensitivities of the samples to the sizes of ``terms`` of ``fit``, (samples, sizes); not to shapes.
+
+    The rows of the priors, which come last, are left out: only one of two fits may have the delay of a command.
+    """
+    hypothesis, indices = fit.hypothesis, {fit.hypothesis.terms.index(term) for term in terms}
+    columns = [k for k, p in enumerate(hypothesis.parameters) if p.term_index in indices and not p.is_logarithmic]
+    return fit.jacobian[: len(fit.jacobian) - hypothesis.n_prior_parameters, columns]
 
 
 def compute_bic_difference(search: ForwardSelection, term_fit: Fit, named_fit: Fit) -> float:
