@@ -9,13 +9,20 @@ import pytest
 from klute_sim.device.device import load_device, parse_device
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.number_error import SPECIMEN_NUMBERS, list_tendon_error_candidates
 from klute_sim.diagnosis.noise.quantization import Quantizer
 from klute_sim.diagnosis.selection import candidates
-from klute_sim.diagnosis.selection.candidates import list_device_terms, list_further_terms, select_quantizers
+from klute_sim.diagnosis.selection.candidates import (
+    is_same_cause,
+    list_device_terms,
+    list_further_terms,
+    select_quantizers,
+)
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 
 PAIR = load_device("klute-3-4-pair")
+SLACK = "tendon.slack_length_mm"
 FOR_ALL, SHAPED = EffectTerm("seal_friction", "coulomb"), EffectTerm("seal_friction", "stribeck")
 FLEXOR, EXTENSOR = (EffectTerm("seal_friction", "coulomb", tendon=tendon) for tendon in ("flexor", "extensor"))
 GAINS = [EffectTerm("sensor_gain", "linear", channel) for channel in ("force", "pressure")]
@@ -34,6 +41,28 @@ def make_fit(*terms: EffectTerm) -> Fit:
 def test_effect_of_all_tendons_is_not_added_to_one_of_them(used: EffectTerm, further: list[EffectTerm]) -> None:
     """The file of a device holds one form of an effect."""
     assert list_further_terms([FLEXOR, EXTENSOR, SHAPED, *GAINS], make_fit(used)) == further
+
+
+def test_number_of_all_devices_is_not_corrected_in_one_of_them() -> None:
+    """Of both devices and of one, the two corrections would share what one of them says."""
+    of_all, of_flexor, of_extensor, other = (
+        EffectTerm("number_error", "value", number=key)
+        for key in (SLACK, f"flexor/{SLACK}", f"extensor/{SLACK}", "flexor/muscle.c10_kpa")
+    )
+    assert is_same_cause(of_all, of_flexor)
+    assert is_same_cause(of_flexor, of_all)
+    assert is_same_cause(of_flexor, of_flexor)
+    assert not is_same_cause(of_flexor, of_extensor)
+    assert not is_same_cause(of_all, other)
+
+
+def test_numbers_of_single_devices_are_candidates_where_there_are_several() -> None:
+    devices = {"flexor": PAIR, "extensor": PAIR.with_changes({SLACK: 101.0})}
+    numbers = list_tendon_error_candidates(devices, {f"flexor/{SLACK}"})
+    assert numbers[f"extensor/{SLACK}"] == 101.0
+    assert f"flexor/{SLACK}" not in numbers
+    assert len(numbers) == 2 * len(SPECIMEN_NUMBERS) - 1
+    assert list_tendon_error_candidates({"flexor": PAIR}, ()) == {}
 
 
 def test_effect_is_no_candidate_for_a_tendon_whose_device_cannot_lack_it() -> None:

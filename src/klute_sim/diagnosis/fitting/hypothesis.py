@@ -136,7 +136,8 @@ class Hypothesis:
     registration: tuple[tuple[str, float], ...] = ()
     """Name and standard deviation of each error of the registration."""
     mechanism_numbers: tuple[tuple[str, float], ...] = ()
-    """Name and nominal value of each number of a mechanism's model, and of each uncertain number of its devices."""
+    """Name and nominal value of each number of a mechanism's model, and of each number of one of its devices that may
+    be fitted."""
 
     def with_term(self, term: EffectTerm) -> "Hypothesis":
         """Return the hypothesis with ``term`` added."""
@@ -355,8 +356,9 @@ class Hypothesis:
 
     def list_fitted_keys(self, tendon: str | None) -> set[str]:
         """Return ``section.key`` of all fitted numbers of the device on ``tendon`` (None: no mechanism)."""
-        names = (name.rpartition(DEVICE_SEPARATOR) for name, _ in self.mechanism_numbers)
-        shared = self.collect_numbers([p.initial for p in self.parameters])
+        initial = [p.initial for p in self.parameters]
+        names = (name.rpartition(DEVICE_SEPARATOR) for name in self.collect_mechanism_numbers(initial))
+        shared = self.collect_numbers(initial)
         return {*shared, *(key for owner, separator, key in names if separator and owner == tendon)}
 
     def collect_model_numbers(self, values: Sequence[float]) -> dict[str, float]:

@@ -6,11 +6,12 @@ and orders what explains the data equally well: both numbers are reported, but o
 plausible does not stand first.
 """
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from functools import cache
 from typing import NamedTuple
 
 from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
+from klute_sim.device.device import Device
 from klute_sim.device.schema.document import DeviceSpec
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 
@@ -40,6 +41,15 @@ _SPRING = PlausibleError(relative=0.1, source="assumed: springs as sold")
 _CONDUCTANCE = PlausibleError(relative=0.3, source="assumed: fittings, filters and silencers narrow a valve")
 _CRITICAL_RATIO = PlausibleError(0.1, 0.0, "assumed: ISO 6358 finds 0.2 to 0.5 for valves")
 DEFAULT_PLAUSIBLE_ERROR = PlausibleError(relative=0.05, source="assumed: data sheets")
+SPECIMEN_NUMBERS = (
+    "muscle.resting_length_mm",
+    "muscle.turns_per_m",
+    "muscle.bladder_radius_mm",
+    "muscle.c10_kpa",
+    "tendon.slack_length_mm",
+)
+"""Numbers that may be wrong for one specimen only, or for the device on one of several tendons (assumed: those that are
+made or measured one by one)."""
 PLAUSIBLE_ERRORS = {
     "muscle.resting_length_mm": PlausibleError(1.0, 0.005, "assumed: tape between crimped ends"),
     "muscle.braid_length_ratio": PlausibleError(relative=0.005, source="assumed: counted threads"),
@@ -97,6 +107,22 @@ def list_error_candidates(spec: DeviceSpec) -> dict[str, float]:
         key: compute_plausible_error(key, value)
         for key, value in spec.collect_values().items()
         if isinstance(value, float) and value != 0.0 and not key.startswith(excluded)
+    }
+
+
+def list_tendon_error_candidates(devices: Mapping[str, Device], uncertain_keys: Container[str]) -> dict[str, float]:
+    """Return ``tendon/section.key`` -> each number of :data:`SPECIMEN_NUMBERS` that one of ``devices`` may have wrong.
+
+    ``devices`` are those of a mechanism by tendon; a single one has the numbers of all. ``uncertain_keys`` are fitted
+    anyway.
+    """
+    if len(devices) < 2:
+        return {}
+    return {
+        name: device.spec.collect_values()[key]
+        for tendon, device in devices.items()
+        for key in list_error_candidates(device.spec)
+        if key in SPECIMEN_NUMBERS and (name := f"{tendon}{DEVICE_SEPARATOR}{key}") not in uncertain_keys
     }
 
 

@@ -7,7 +7,7 @@ expects a value of it, and the others expect the declared one.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from klute_sim.datasets.mechanism import is_model_number
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
@@ -207,7 +207,7 @@ def _find_method(term: EffectTerm, key: str) -> tuple[MeasurementMethod | None, 
     if term.number is not None:
         if is_model_number(term.number):
             return MODEL_NUMBER_METHODS.get(term.number.rpartition(".")[2], (None, ""))
-        return NUMBER_METHODS.get(term.number), split_unit(term.number)[1]
+        return NUMBER_METHODS.get(term.number.rpartition(DEVICE_SEPARATOR)[2]), split_unit(term.number)[1]
     unit = split_unit(key)[1]
     if term.channel is None:
         return EFFECT_METHODS.get((term.effect, key)), unit

@@ -5,18 +5,21 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 
 from klute_sim.datasets.channels import RigName
 from klute_sim.datasets.dataset import Dataset
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR
 from klute_sim.device.device import Device
 from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
 from klute_sim.diagnosis.data_quality import is_supply_only
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
-from klute_sim.diagnosis.fitting.hypothesis import PRIOR_BOUND_SIGMAS, EffectTerm
+from klute_sim.diagnosis.fitting.hypothesis import PRIOR_BOUND_SIGMAS, EffectTerm, Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import (
     BOUND_SIGMAS,
     NUMBER_ERROR_NAME,
+    SPECIMEN_NUMBERS,
     compute_plausible_error,
     list_error_candidates,
     list_model_error_candidates,
+    list_tendon_error_candidates,
 )
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.quantization import Quantizer
@@ -25,14 +28,6 @@ from klute_sim.effects.effect import Effect
 from klute_sim.effects.families import instrument
 from klute_sim.errors import InputError, suggest
 
-SPECIMEN_NUMBERS = (
-    "muscle.resting_length_mm",
-    "muscle.turns_per_m",
-    "muscle.bladder_radius_mm",
-    "muscle.c10_kpa",
-    "tendon.slack_length_mm",
-)
-"""Numbers that may be wrong for one specimen only (assumed: those that are made or measured specimen by specimen)."""
 RIG_BY_KIND: Mapping[str, tuple[RigName, str]] = {"body": ("gait", "in gait"), "mechanism": ("mjcf", "on a mechanism")}
 """Kind of an effect that only one rig can show -> this rig, and words for it."""
 
@@ -43,7 +38,8 @@ def check_effect_names(dataset: Dataset, only: Sequence[str], exclude: Sequence[
     On a mechanism, it is enough that one of the devices may lack the effect.
     """
     devices = {} if dataset.mechanism is None else dataset.mechanism.devices
-    values = [*dataset.device.spec.collect_values(), *dataset.model_values]
+    tendon_numbers = list_tendon_error_candidates(devices, ())
+    values = [*dataset.device.spec.collect_values(), *tendon_numbers, *dataset.model_values]
     for name in (*only, *exclude):
         effect = name.partition("@")[0]
         if effect not in (NUMBER_ERROR_NAME, *values) and effect not in catalogue.get_effects():
@@ -165,10 +161,16 @@ def is_same_cause(term: EffectTerm, other: EffectTerm) -> bool:
     """Return whether two terms are one effect of one device, channel or part, or errors of one number.
 
     Their forms may differ. An effect of all tendons is one with that of a single tendon: a device file holds it once.
+    So is a number.
     """
-    tendons = {term.tendon, other.tendon}
-    is_overlapping = len(tendons) == 1 or None in tendons
-    return is_overlapping and term._replace(tendon=None).identity == other._replace(tendon=None).identity
+    (tendon, shared), (other_tendon, other_shared) = _detach_tendon(term), _detach_tendon(other)
+    return tendon in ("", other_tendon) or other_tendon == "" if shared == other_shared else False
+
+
+def _detach_tendon(term: EffectTerm) -> tuple[str, Identity]:
+    """Return the tendon of the only device that ``term`` changes ('' for all), and its identity without the tendon."""
+    owner, _, key = (term.number or "").rpartition(DEVICE_SEPARATOR)
+    return term.tendon or owner, term._replace(tendon=None, number=key or None).identity
 
 
 def list_contradicted_numbers(fit: Fit) -> set[str]:
@@ -216,7 +218,10 @@ def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
     if not data.experiments[0].has_body:
         numbers = {key: error for key, error in numbers.items() if not key.startswith("mounting.")}
     model_numbers = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))
-    return terms + [EffectTerm(NUMBER_ERROR_NAME, "value", number=key) for key in (*numbers, *model_numbers)]
+    devices = {} if dataset.mechanism is None else dataset.mechanism.devices
+    tendon_numbers = list_tendon_error_candidates(devices, dataset.uncertainties)
+    keys = (*numbers, *tendon_numbers, *model_numbers)
+    return terms + [EffectTerm(NUMBER_ERROR_NAME, "value", number=key) for key in keys]
 
 
 def list_device_terms(effect: Effect, device: Device, devices: Mapping[str, Device]) -> list[EffectTerm]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from klute_sim import units
-from klute_sim.datasets.mechanism import is_model_number
+from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
 from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.diagnosis.data_quality import find_moving_trials
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
@@ -87,10 +87,11 @@ def format_term(term: EffectTerm) -> str:
         name, _, number = rest.rpartition(".")
         return f"{number} of the {element} '{name}'"
     if term.number:
-        section, _, key = term.number.rpartition(".")
+        tendon, _, device_key = term.number.rpartition(DEVICE_SEPARATOR)
+        section, _, key = device_key.rpartition(".")
         section = humanize_identifier(section.removeprefix(EFFECTS))
-        specimen = f" of specimen '{term.specimen}'" if term.specimen else ""
-        return f"{split_key(key)[0]} of the {section}{specimen}"
+        owner = f" on '{tendon}'" if tendon else f" of specimen '{term.specimen}'" if term.specimen else ""
+        return f"{split_key(key)[0]} of the {section}{owner}"
     form = f" ({humanize_identifier(term.form)})" if len(term.effect_definition.forms) > 1 else ""
     owner = f" of {humanize_identifier(term.owner)}" if term.owner else ""
     return f"{humanize_identifier(term.effect)}{form}{owner}"
