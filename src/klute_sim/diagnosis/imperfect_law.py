@@ -207,7 +207,7 @@ def decide_verdict(
     if result.rivals:
         reasons.append(
             f"{_list_rivals(result)} would predict as well: the difference is less than one standard error, or than "
-            f"{100 * (MAX_RIVAL_RATIO - 1):.0f} % of the error."
+            f"{100 * (MAX_RIVAL_RATIO - 1):.0f} % of the error above the noise."
         )
     if result.certain is not None:
         further = " and ".join(str(t) for t in chosen.terms if t.identity not in result.certain.identities)

@@ -27,10 +27,10 @@ from klute_sim.diagnosis.selection.bounds import simplify_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import MAX_POSSIBLE_GAIN_ERROR
 from klute_sim.diagnosis.selection.predictive_model import (
-    MAX_RIVAL_RATIO,
     MIN_TERM_SHARE,
     PredictiveModel,
     PredictiveResult,
+    compute_rival_margin,
     has_several_specimens,
     is_as_good,
 )
@@ -109,7 +109,7 @@ def compare_with_data_driven_models(
         rivals += [
             _describe(model)
             for model in small
-            if _predicts_as_well(model, result.chosen) and _is_other_cause(selection, model.fit, result)
+            if _predicts_as_well(model, result) and _is_other_cause(selection, model.fit, result)
         ]
         best_model = min(extended, key=lambda model: model.error)
         free = next(
@@ -128,9 +128,11 @@ def _describe(model: PredictiveModel) -> DataDrivenModel:
     return DataDrivenModel(f"in one equation ({format_formula(model.fit)})", model.error, model.fit)
 
 
-def _predicts_as_well(model: PredictiveModel, chosen: PredictiveModel) -> bool:
-    """Return whether ``model`` is a rival of ``chosen``, as other names would be."""
-    return is_as_good(model, chosen) or model.error <= MAX_RIVAL_RATIO * chosen.error
+def _predicts_as_well(model: PredictiveModel, result: PredictiveResult) -> bool:
+    """Return whether ``model`` is a rival of the chosen one, as other names would be."""
+    chosen = result.chosen
+    margin = compute_rival_margin(chosen.error, result.models, result.noise)
+    return is_as_good(model, chosen) or model.error <= chosen.error + margin
 
 
 def _is_other_cause(selection: PredictiveSelection, term_fit: Fit, result: PredictiveResult) -> bool:

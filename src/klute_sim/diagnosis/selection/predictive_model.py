@@ -40,8 +40,8 @@ MAX_GAIN_FRACTION = 0.1
 MIN_STABILITY = 0.8
 """Fraction of the selections without one fold in which an effect must be chosen again."""
 MAX_RIVAL_RATIO = 1.1
-"""Error of prediction of other names over that of the chosen ones, up to which they predict as well although the
-difference exceeds its standard error (assumed: an imperfect law differs by as much between any two forms)."""
+"""Error of prediction above the noise of other names over that of the chosen ones, up to which they predict as well
+although the difference exceeds its standard error (assumed: an imperfect law differs by as much between forms)."""
 
 
 class FoldPart(NamedTuple):
@@ -292,7 +292,7 @@ def list_nameable_models(models: Sequence[PredictiveModel], n_folds: int) -> lis
     return [model for model in models if not model.obstacle and len(model.terms) < n_folds]
 
 
-def are_proxies(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> bool:
+def are_proxies(chosen: PredictiveModel, models: Sequence[PredictiveModel], noise: float = 0.0) -> bool:
     """Return whether each term of a ``chosen`` set stands in for something that may not be named.
 
     Models of ``models`` without such a term predict as well, but have an obstacle, such as a parameter at its bound:
@@ -300,35 +300,44 @@ def are_proxies(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> b
     name is judged by its rivals alone.
     """
     refused = [model for model in models if model.terms and model.obstacle and not has_impossible_instrument(model.fit)]
-    return len(chosen.terms) > 1 and list_replaced_names(chosen, refused) == chosen.identities
+    margin = compute_rival_margin(chosen.error, models, noise)
+    return len(chosen.terms) > 1 and list_replaced_names(chosen, refused, margin) == chosen.identities
 
 
 def list_reduced_models(
-    chosen: PredictiveModel, nameable: Sequence[PredictiveModel], models: Sequence[PredictiveModel]
+    chosen: PredictiveModel,
+    nameable: Sequence[PredictiveModel],
+    models: Sequence[PredictiveModel],
+    noise: float = 0.0,
 ) -> list[PredictiveModel]:
     """Return those of ``nameable`` with some of the names of ``chosen``, without one that another model replaces.
 
     A larger or refused one of ``models`` counts, too. The error of an imperfect law resembles many things, so a further
     name that something else can replace is none.
     """
-    replaced = list_replaced_names(chosen, models)
+    replaced = list_replaced_names(chosen, models, compute_rival_margin(chosen.error, models, noise))
     return [m for m in nameable if m.terms and m.identities < chosen.identities and replaced - m.identities]
 
 
-def list_certain_models(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> list[PredictiveModel]:
+def list_certain_models(
+    chosen: PredictiveModel, models: Sequence[PredictiveModel], noise: float = 0.0
+) -> list[PredictiveModel]:
     """Return the refused ones of ``models`` with exactly the names of ``chosen`` that no other model replaces.
 
     The list is empty where all names of ``chosen`` are replaced, or none.
     """
-    certain = chosen.identities - list_replaced_names(chosen, models)
+    margin = compute_rival_margin(chosen.error, models, noise)
+    certain = chosen.identities - list_replaced_names(chosen, models, margin)
     if not certain or certain == chosen.identities:
         return []
     return [model for model in models if model.obstacle and model.identities == certain]
 
 
-def list_replaced_names(chosen: PredictiveModel, models: Sequence[PredictiveModel]) -> frozenset[Identity]:
-    """Return the names of ``chosen`` without which one of ``models`` predicts as well."""
-    as_good = [model.identities for model in models if model.error <= MAX_RIVAL_RATIO * chosen.error]
+def list_replaced_names(
+    chosen: PredictiveModel, models: Sequence[PredictiveModel], margin: float
+) -> frozenset[Identity]:
+    """Return the names of ``chosen`` without which one of ``models`` predicts as well, but for ``margin``."""
+    as_good = [model.identities for model in models if model.error <= chosen.error + margin]
     return frozenset(name for name in chosen.identities if any(name not in names for names in as_good))
 
 
@@ -337,14 +346,21 @@ def choose_stable_model(
 ) -> tuple[PredictiveModel, dict[EffectTerm, float]]:
     """Return the choice of all folds, and in what fraction of the choices without one fold each of its terms returns.
 
-    If only some terms return in most of them, the choice is made again among models of these terms alone: what a single
+    Another set of as many terms that predicts the other folds equally well is a rival; it makes no term unstable. If
+    only some terms return in most choices, the choice is made again among models of these terms alone: what a single
     fold decides shall not withhold a name that all of them support.
     """
     folds = np.arange(n_folds)
     chosen = choose_model(models, folds, noise)
-    again = [choose_model(models, np.delete(folds, k), noise).identities for k in range(n_folds)]
+    choices = [(choose_model(models, rest, noise), rest) for rest in (np.delete(folds, k) for k in range(n_folds))]
+
+    def choose_again(model: PredictiveModel, other: PredictiveModel, rest: NDArray[np.intp]) -> PredictiveModel:
+        error, other_error = (float(m.errors[rest].mean()) for m in (model, other))
+        is_rival = error <= other_error + compute_rival_margin(other_error, models, noise)
+        return model if is_rival and len(model.terms) == len(other.terms) else other
 
     def measure_stability(model: PredictiveModel) -> dict[EffectTerm, float]:
+        again = [choose_again(model, other, rest).identities for other, rest in choices]
         return {term: float(np.mean([term.identity in names for names in again])) for term in model.terms}
 
     stability = measure_stability(chosen)
@@ -354,6 +370,17 @@ def choose_stable_model(
         chosen = choose_model(supported, folds, noise)
         stability = measure_stability(chosen)
     return chosen, stability
+
+
+def compute_rival_margin(best_error: float, models: Sequence[PredictiveModel], noise: float) -> float:
+    """Return how much larger the error of a rival may be than ``best_error``, whatever the standard error.
+
+    :data:`MAX_RIVAL_RATIO` is that of the errors above ``noise``. Less than :data:`MIN_TERM_SHARE` of what can be
+    explained, by that of ``models`` without terms, is no difference; nor does noise make a margin larger.
+    """
+    relative = MAX_RIVAL_RATIO - 1.0
+    explainable = max((model.error for model in models if not model.terms), default=np.inf) - noise
+    return min(relative * best_error, max(relative * (best_error - noise), MIN_TERM_SHARE * explainable))
 
 
 def is_as_good(model: PredictiveModel, best: PredictiveModel, folds: NDArray[np.intp] | None = None) -> bool:

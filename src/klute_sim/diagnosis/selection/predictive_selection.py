@@ -31,12 +31,12 @@ from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_numb
 from klute_sim.diagnosis.selection.nested_forms import refit_with_containing_forms, select_best_fits
 from klute_sim.diagnosis.selection.pair_screening import screen_pairs
 from klute_sim.diagnosis.selection.predictive_model import (
-    MAX_RIVAL_RATIO,
     FoldPart,
     PredictiveModel,
     PredictiveResult,
     are_proxies,
     choose_stable_model,
+    compute_rival_margin,
     compute_share,
     divide_into_folds,
     is_as_good,
@@ -357,24 +357,25 @@ class PredictiveSelection:
         models = refuse_redundant_terms(base, models, len(self.folds), noise)
         nameable = list_nameable_models(models, len(self.folds))
         chosen, stability = choose_stable_model(nameable, len(self.folds), noise) if nameable else (base, {})
-        has_proxies = are_proxies(chosen, models)
-        while not has_proxies and (reduced := list_reduced_models(chosen, nameable, models)):
+        has_proxies = are_proxies(chosen, models, noise)
+        while not has_proxies and (reduced := list_reduced_models(chosen, nameable, models, noise)):
             reduced_choice, reduced_stability = choose_stable_model(reduced, len(self.folds), noise)
             if compute_share(base, reduced_choice, noise) < MIN_SHARE:
                 break
             chosen, stability = reduced_choice, reduced_stability
+        max_error = chosen.error + compute_rival_margin(chosen.error, models, noise)
         rivals = [
             model
             for model in nameable
             if len(model.terms) == len(chosen.terms)
             and model.identities != chosen.identities
-            and (is_as_good(model, chosen) or model.error <= MAX_RIVAL_RATIO * chosen.error)
+            and (is_as_good(model, chosen) or model.error <= max_error)
         ]
         distinct = {model.identities: model for model in reversed(rivals)}
         # Further names take numbers away from their limits, but so would what replaces these names.
         certain = (
             model
-            for model in list_certain_models(chosen, models)
+            for model in list_certain_models(chosen, models, noise)
             if not find_naming_obstacle(self.data, model.fit, accepts_numbers_at_limit=True)
             and compute_share(base, model, noise) >= MIN_SHARE
         )
