@@ -5,15 +5,20 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis, Identity
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.bounds import extend_at_bound, has_value_at_bound, refine_effects, simplify_at_bound
-from klute_sim.diagnosis.selection.candidates import list_further_terms
+from klute_sim.diagnosis.selection.candidates import is_same_cause, list_further_terms
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_implausible_number, find_naming_obstacle
 from klute_sim.diagnosis.selection.refits import refit_without_term
-from klute_sim.diagnosis.selection.screening import screen_candidates, select_shortlist
+from klute_sim.diagnosis.selection.screening import (
+    predict_gains,
+    screen_candidates,
+    select_best_causes,
+    select_shortlist,
+)
 from klute_sim.diagnosis.selection.validation import MAX_VALIDATION_LOSS
 from klute_sim.types import ProgressCallback
 
@@ -21,6 +26,10 @@ MAX_REPLACEMENTS = 5
 """Maximum number of candidates that replace a term (assumed)."""
 MAX_EXCHANGES = 4
 """Maximum number of times that an equivalent model takes the place of the best one (assumed)."""
+MAX_FIRST_TERMS, MAX_SECOND_TERMS = 6, 3
+"""Largest number of first terms of other pairs, and of second terms beside each of them (assumed)."""
+MAX_LEFT_FRACTION = 0.1
+"""Largest part of the fall of chi squared with a pair that the first term of another pair leaves (assumed)."""
 RESTART_SIGMAS = 3.0
 """Distance of the restart from the fit, in standard errors of each parameter (assumed)."""
 MIN_RESTART_OFFSET = 0.02
@@ -69,14 +78,22 @@ def select_final_fit(
         if is_as_good and not has_value_at_bound(smaller_fit) and not search.has_misfit(smaller_fit):
             fit, has_converged = smaller_fit, is_reproducible
     progress(0.7, "searching for equivalent models")
-    equivalent_models = find_equivalent_models(search, fit)
+    equivalent_models = _find_rivals(search, fit)
     for _ in range(MAX_EXCHANGES):  # the equivalents of another model may hold a better one
         better_fit = _find_better_model(search, fit, equivalent_models)
         if better_fit is None:
             break
         fit, has_converged = refine_and_simplify(search, better_fit, np.random.default_rng(seed))
-        equivalent_models = find_equivalent_models(search, fit)
+        equivalent_models = _find_rivals(search, fit)
     return fit, has_converged, equivalent_models
+
+
+def _find_rivals(search: ForwardSelection, fit: Fit) -> list[EquivalentModel]:
+    """Return the equivalents of ``fit`` with one replaced term, and those of a pair with two, best first."""
+    models = find_equivalent_models(search, fit)
+    known = {model.fit.identities for model in models}
+    models += [model for model in find_equivalent_pairs(search, fit) if model.fit.identities not in known]
+    return sorted(models, key=lambda model: model.difference)
 
 
 def _find_better_model(search: ForwardSelection, fit: Fit, equivalent_models: Sequence[EquivalentModel]) -> Fit | None:
@@ -163,6 +180,43 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
             if _is_equivalent(search, reduced_fit, rival, best_fit):
                 models.append(EquivalentModel(rival, rival.bic(data.n_effective) - best_bic))
     return sorted(models, key=lambda model: model.difference)
+
+
+def find_equivalent_pairs(search: ForwardSelection, best_fit: Fit) -> list[EquivalentModel]:
+    """Return the pairs of terms that explain the data as well as ``best_fit``; none where it has not added two.
+
+    A smaller muscle with the same braid angle has another radius and other turns per metre. Another pair may imitate
+    both, although no effect of it imitates one of them. So pairs are compared whose first term the first step of
+    ``search`` fitted alone. It leaves at most :data:`MAX_LEFT_FRACTION` of the fall of chi squared to the second.
+    """
+    first_step = search.history[0] if search.history else None
+    if first_step is None or not search.has_repeats:
+        return []
+    base_fit, data = first_step.initial_fit, search.data
+    names = {term.identity for term in best_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]}
+    if len(names) != 2:
+        return []
+    max_chi2 = best_fit.chi2 + MAX_LEFT_FRACTION * (base_fit.chi2 - best_fit.chi2)
+    # Terms that are one to the data, such as the lengths of muscle and tendon, leave the same.
+    firsts = {round(fit.chi2): fit for fit in first_step.refits if fit.chi2 <= max_chi2}
+    pairs: dict[frozenset[Identity], EquivalentModel] = {}
+    for first_fit in [firsts[chi2] for chi2 in sorted(firsts)[:MAX_FIRST_TERMS]]:
+        first = first_fit.hypothesis.terms[-1]
+        others = [c for c in first_step.candidates if not is_same_cause(c.term, first)]
+        promising = select_best_causes(predict_gains(first_fit, others), MAX_SECOND_TERMS)
+        for candidate in screen_candidates(data, first_fit, [c.term for c in promising]):
+            identities = frozenset([first.identity, candidate.term.identity])
+            if identities == names or identities in pairs:
+                continue
+            (refit,) = search.refit_candidates(first_fit, [candidate], best_fit.bic(data.n_effective))
+            if not _is_equivalent(search, first_fit, refit, best_fit):
+                continue
+            pair_fit = refine_effects(data, refit)
+            if find_naming_obstacle(data, pair_fit) or not _is_equivalent(search, first_fit, pair_fit, best_fit):
+                continue
+            difference = pair_fit.bic(data.n_effective) - best_fit.bic(data.n_effective)
+            pairs[identities] = EquivalentModel(pair_fit, difference)
+    return list(pairs.values())
 
 
 def _restart_at(data: WeightedData, rival: Fit, best_fit: Fit) -> Fit:

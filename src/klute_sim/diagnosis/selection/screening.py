@@ -38,8 +38,10 @@ MIN_ORTHOGONAL_FRACTION = 1e-6
 """Orthogonal fraction of a sensitivity below which an effect counts as imitated by the fitted parameters."""
 SHORTLIST_SIZE = 8
 """Number of candidates that are refitted, and of effects, whatever their form and owner, whose best one is."""
-NUMBER_SHORTLIST_SIZE = 3
-"""Number of wrong numbers that are refitted beside them."""
+NUMBER_SHORTLIST_SIZE, DISTINCT_NUMBER_COUNT = 3, 2
+"""Number of wrong numbers that are refitted beside them, and of further ones that differ from all of these."""
+MAX_DISTINCT_COSINE = 0.98
+"""Largest cosine between the sensitivities to two numbers that differ (assumed)."""
 
 
 class Candidate(NamedTuple):
@@ -165,14 +167,22 @@ def _select_best(
 def select_shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return the best candidates, the best one of each of the best effects, other forms of leaders, and numbers.
 
-    The leaders are the best three candidates. Forms and owners of one effect alone could fill the list.
+    The leaders are the best three candidates. Forms and owners of one effect alone could fill the list, and so could
+    numbers that are one to the data, such as the lengths of muscle and tendon.
     """
     leaders = {c.term.identity for c in candidates[:3]}
     effects = [c for c in candidates if not c.term.number]
     shortlist = {c.term for c in [*effects[:SHORTLIST_SIZE], *select_best_effects(effects, SHORTLIST_SIZE)]}
     shortlist |= {c.term for c in effects if c.term.identity in leaders}
-    numbers = [c for c in candidates if c.term.number][:NUMBER_SHORTLIST_SIZE]
-    return [c for c in candidates if c.term in shortlist or c in numbers]
+    all_numbers = [c for c in candidates if c.term.number]
+    numbers, others = all_numbers[:NUMBER_SHORTLIST_SIZE], all_numbers[NUMBER_SHORTLIST_SIZE:]
+    for candidate in others:
+        if len(numbers) == NUMBER_SHORTLIST_SIZE + DISTINCT_NUMBER_COUNT:
+            break
+        if all(abs(float(candidate.direction @ number.direction)) < MAX_DISTINCT_COSINE for number in numbers):
+            numbers.append(candidate)
+    shortlist |= {c.term for c in numbers}
+    return [c for c in candidates if c.term in shortlist]
 
 
 @dataclass(frozen=True, eq=False)
