@@ -104,10 +104,11 @@ def test_missing_effect_does_not_move_the_cutoff(tmp_path: Path, simulator: Simu
     assert after is before
 
 
-@pytest.mark.parametrize("force_gain", [pytest.param(1.0, marks=pytest.mark.slow), 1.05])
+@pytest.mark.slow
+@pytest.mark.parametrize("force_gain", [1.0, 1.05])
 @pytest.mark.parametrize(
     ("is_aligned", "sentence_end"),
-    [pytest.param(False, "has their delay, too.", marks=pytest.mark.slow), (True, "were subtracted.")],
+    [(False, "has their delay, too."), (True, "were subtracted.")],
 )
 def test_signals_show_the_delay(
     tmp_path: Path, simulator: Simulator, force_gain: float, is_aligned: bool, sentence_end: str
@@ -124,7 +125,8 @@ def test_signals_show_the_delay(
     assert sentence.endswith(sentence_end)
 
 
-@pytest.mark.parametrize("is_trailing", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("is_trailing", [False, True])
 def test_signals_show_whether_a_window_is_trailing(tmp_path: Path, simulator: Simulator, is_trailing: bool) -> None:
     data = write_dataset(tmp_path / "data", groups=GROUPS)
     centred, trailing = (WindowFilter(20, 200.0, is_trailing=each) for each in (False, True))
@@ -162,6 +164,7 @@ def test_filter_without_delay_keeps_none(tmp_path: Path, simulator: Simulator) -
     assert after is before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("verdict", "is_late", "verdict_after", "is_taken"),
     [

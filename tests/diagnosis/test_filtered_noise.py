@@ -26,6 +26,7 @@ def measure_cutoff(*forces: np.ndarray) -> float:
     return found.cutoff
 
 
+@pytest.mark.slow
 @settings(max_examples=4, deadline=None)
 @given(st.floats(8.0, 60.0), st.integers(2, 4), st.integers(0, 1000))
 def test_noise_shows_the_filter(cutoff: float, order: int, seed: int) -> None:
@@ -60,6 +61,7 @@ def test_channel_without_filter_gets_none_beside_others() -> None:
     assert filters.keys() == {"force", "pressure"}
 
 
+@pytest.mark.slow
 def test_channels_with_other_filters_have_their_own() -> None:
     forces, pressures = ([filter_twice(make_noise(k), cutoff, 2) for k in range(2)] for cutoff in (6.0, 20.0))
     differences = {"force": [(TIME, forces[0] - forces[1])], "pressure": [(TIME, pressures[0] - pressures[1])]}

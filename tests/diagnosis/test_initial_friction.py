@@ -100,6 +100,7 @@ def test_friction_before_each_condition_is_estimated(tmp_path: Path) -> None:
     assert "'test_1' (lengthened)" in sentence
 
 
+@pytest.mark.slow
 def test_relaxed_trials_and_other_errors_stay_as_they_are(tmp_path: Path) -> None:
     relaxed = dict.fromkeys(FRACTIONS, 0.0)
     before, after, remarks = reconsider(write_rested_dataset(tmp_path / "clean", fractions=relaxed), "nothing-missing")

@@ -63,7 +63,8 @@ def test_fit_in_a_local_minimum_begins_at_the_simpler_form(prepared: tuple[Weigh
     assert restarted.chi2 - exact.chi2 < 0.1 * (simple.chi2 - exact.chi2)
 
 
-@pytest.mark.parametrize("index", [pytest.param(0, marks=pytest.mark.slow), 1])
+@pytest.mark.slow
+@pytest.mark.parametrize("index", [0, 1])
 def test_form_at_its_bound_becomes_one_that_contains_it(
     prepared: tuple[WeightedData, Fit], index: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -289,6 +289,7 @@ def test_misfit_that_is_no_scale_is_no_unit() -> None:
     assert suspect(experiments, 2.2046, np.linspace(-0.9, 0.9, 400)) == []
 
 
+@pytest.mark.slow
 def test_unit_of_a_file_is_suspected_first(tmp_path: Path) -> None:
     data = write_dataset(tmp_path / "data", distort={"force": lambda time, force: 2.2046 * force})
     diagnosis = diagnose(load_dataset(data), DiagnosisOptions(n_jobs=1, only=("seal_friction",)))

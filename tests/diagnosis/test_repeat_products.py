@@ -86,11 +86,12 @@ def draw_misfits(
     return misfits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "make_noise",
-    [make_stationary_noise, pytest.param(make_local_noise, marks=pytest.mark.slow), make_skewed_level_noise],
+    [make_stationary_noise, make_local_noise, make_skewed_level_noise],
 )
-@pytest.mark.parametrize("n_repeats", [2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_repeats", [2, 3])
 def test_p_values_are_uniform_where_only_noise_is_left(
     make_noise: Callable[[np.random.Generator], np.ndarray], n_repeats: int
 ) -> None:

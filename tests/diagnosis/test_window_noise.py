@@ -68,13 +68,13 @@ def quantize(values: np.ndarray) -> np.ndarray:
     [
         pytest.param(lambda values: values, id="white"),
         pytest.param(lambda values: lfilter([0.05], [1.0, -0.95], values), id="lag", marks=pytest.mark.slow),
-        pytest.param(lambda values: np.cumsum(values - MOTION), id="drift"),
-        pytest.param(quantize, id="coarse"),
+        pytest.param(lambda values: np.cumsum(values - MOTION), id="drift", marks=pytest.mark.slow),
+        pytest.param(quantize, id="coarse", marks=pytest.mark.slow),
         pytest.param(lambda values: medfilt(values, 11), id="median", marks=pytest.mark.slow),
         pytest.param(lambda values: filter_twice(values, 10.0, 2), id="zero-lag", marks=pytest.mark.slow),
         pytest.param(lambda values: amplify(values, 30.0, 4), id="amplifier", marks=pytest.mark.slow),
         pytest.param(lambda values: np.round(filter_twice(values, 10.0, 2), 2), id="zero-lag, rounded"),
-        pytest.param(lambda values: CubicSpline(TIME[::10], values[::10])(TIME), id="spline"),
+        pytest.param(lambda values: CubicSpline(TIME[::10], values[::10])(TIME), id="spline", marks=pytest.mark.slow),
     ],
 )
 def test_no_other_noise_shows_a_window(apply: Callable[[np.ndarray], np.ndarray]) -> None:

@@ -120,13 +120,8 @@ def test_sampled_device_equals_fixed_device(monkeypatch: pytest.MonkeyPatch) -> 
     assert max_difference > 1e-3
 
 
-@pytest.mark.parametrize(
-    "autoreset",
-    [
-        *(pytest.param(mode, marks=pytest.mark.slow) for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)),
-        AutoresetMode.DISABLED,
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("autoreset", AutoresetMode)
 def test_batch_is_bit_identical_to_single_environments(autoreset: AutoresetMode) -> None:
     task_options = {"domain_randomization": ALL_RANGES, "sensor_noise": 1.0, "sensor_delay": 1, "action": "residual"}
     options = {"strides": 1, "time_step": 1e-3, **task_options}

@@ -146,6 +146,7 @@ def test_learned_path_is_repeatable_and_replayable() -> None:
         assert np.array_equal(learned[name], replayed[name], equal_nan=True), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mass", "stature", "speed", "controller"),
     [(114.0, 1.9, 1.9, "profile"), (45.0, 1.5, 0.7, "profile"), (75.0, 1.75, None, "constant:4")],

@@ -85,7 +85,8 @@ def test_delay_of_the_plate_is_measured(walk: Trial, seconds: float, channels: t
     )
 
 
-@pytest.mark.parametrize("seconds", [0.04, pytest.param(-0.03, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [0.04, -0.03])
 def test_late_log_is_no_early_plate(walk: Trial, seconds: float) -> None:
     (finding,) = find_recording_mistakes([delay(walk, seconds, LOG_CHANNELS)])
     found = estimate_clock_delay(MeasuredTrial(delay(walk, seconds, LOG_CHANNELS)))
@@ -151,11 +152,13 @@ def test_delay_that_the_registration_fits_is_accepted(walk: Trial, seconds: floa
     assert find_recording_mistakes([delay(walk, seconds)]) == []
 
 
+@pytest.mark.slow
 def test_late_instrument_is_no_plate(walk: Trial) -> None:
     assert estimate_clock_delay(MeasuredTrial(delay(walk, 0.03, ("force",)))) is None
     assert estimate_clock_delay(MeasuredTrial(delay(walk, 0.03, ("ankle_angle",)))) is None
 
 
+@pytest.mark.slow
 def test_single_channel_shows_a_late_plate_only(walk: Trial) -> None:
     """A filter of the encoder makes the plate look early."""
     alone = keep(walk, "ankle_angle")

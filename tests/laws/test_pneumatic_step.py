@@ -290,9 +290,8 @@ def test_regulator_on_an_empty_tank_creates_no_air() -> None:
         assert vented + gas.surplus_mass == pytest.approx(air_mass(pressure, volume, 293.15), rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    "exponent", [pytest.param(1.0, marks=pytest.mark.slow), 1.2, pytest.param(1.4, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("exponent", [1.0, 1.2, 1.4])
 def test_cycled_air_stays_near_room_temperature(exponent: float) -> None:
     """The first law keeps mass and pressure together for ever, whatever the exponent; no walls help here."""
     supply = VALVE._replace(polytropic_exponent=exponent, thermal_time_constant=0.0)

@@ -48,6 +48,7 @@ def test_every_published_item_is_assessed(reproduction: Reproduction) -> None:
     assert len([o for o in missing if o.finding.value is not None]) >= 60  # computed from what is assumed
 
 
+@pytest.mark.slow
 def test_every_finding_has_a_published_item(reproduction: Reproduction) -> None:
     chapters = [
         *(chapter.compute() for chapter in (chapter2, chapter3, chapter3_dynamic)),
