@@ -9,9 +9,11 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from klute_sim import cli
 from klute_sim.cli import process
 from klute_sim.viewer import stream
 from tests.command_line import run
@@ -77,6 +79,28 @@ def test_signal_leaves_no_half_written_run(name: str, tmp_path: Path) -> None:
     assert done.returncode == 128 + number
     assert done.stderr.strip() == "klute-sim: interrupted; no file was left half-written"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_signal_while_a_module_is_imported_is_no_error(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    """MuJoCo reports it as an ImportError."""
+
+    def import_command(*_: object) -> None:
+        try:
+            raise process.TerminationError(signal.SIGTERM)
+        except KeyboardInterrupt as interrupt:
+            raise ImportError("initialization failed") from interrupt
+
+    monkeypatch.setattr(cli._LazyGroup, "get_command", import_command)
+    with pytest.raises(SystemExit) as exit_info:
+        cli.main(["gait"])
+    assert exit_info.value.code == 128 + signal.SIGTERM
+    assert capsys.readouterr().err == "klute-sim: interrupted; no file was left half-written\n"
+
+
+def test_errors_of_their_own_follow_from_no_interrupt() -> None:
+    error = ValueError("wrong")
+    error.__context__ = ImportError("missing")
+    assert process.find_interrupt(error) is None
 
 
 @posix

@@ -9,7 +9,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -146,19 +146,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KluteSimError as error:
         process.exit_process(2, str(error))
     except (KeyboardInterrupt, click.Abort) as interrupt:
-        original = interrupt.__cause__ or interrupt  # click raises Abort from the KeyboardInterrupt
-        for note in getattr(original, "__notes__", ()):  # such as where the finished part is kept
-            click.echo(make_printable(note), err=True)
-        process.exit_process(process.get_exit_code(original), "interrupted; no file was left half-written")
+        _exit_interrupted(interrupt.__cause__ or interrupt)  # click raises Abort from the KeyboardInterrupt
     except BrokenPipeError:  # while the rest of the output is flushed
         process.exit_process(0)
     except OSError as error:
         process.exit_process(2, f"a file or the output cannot be read or written: {error.strerror or error}")
     except Exception as error:
+        cause = process.find_interrupt(error)
+        if cause is not None:
+            _exit_interrupted(cause)
         if not process.is_lack_of_memory(error):
             raise
         process.exit_process(2, "not enough memory; use fewer strides, a longer time step or fewer --jobs")
     process.exit_process(code if isinstance(code, int) else 0)
+
+
+def _exit_interrupted(interrupt: BaseException) -> NoReturn:
+    """Exit after ``interrupt``, with its notes, such as where the finished part is kept."""
+    for note in getattr(interrupt, "__notes__", ()):
+        click.echo(make_printable(note), err=True)
+    process.exit_process(process.get_exit_code(interrupt), "interrupted; no file was left half-written")
 
 
 def _show_warning(message: Warning | str, *_: object) -> None:

@@ -77,6 +77,17 @@ def _raise_termination(number: int, frame: FrameType | None) -> NoReturn:
     raise TerminationError(number)
 
 
+def find_interrupt(error: BaseException) -> KeyboardInterrupt | None:
+    """Return the interrupt that ``error`` followed from; None without one.
+
+    An extension module whose import is interrupted, such as that of MuJoCo, fails with an ImportError.
+    """
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__ or cause.__context__
+    return cause
+
+
 def get_exit_code(interrupt: BaseException) -> int:
     """Return the exit code that a shell expects after ``interrupt``."""
     return 128 + (interrupt.signal_number if isinstance(interrupt, TerminationError) else signal.SIGINT)
