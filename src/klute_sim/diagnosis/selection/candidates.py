@@ -164,7 +164,7 @@ def is_same_cause(term: EffectTerm, other: EffectTerm) -> bool:
     So is a number.
     """
     (tendon, shared), (other_tendon, other_shared) = _detach_tendon(term), _detach_tendon(other)
-    return tendon in ("", other_tendon) or other_tendon == "" if shared == other_shared else False
+    return shared == other_shared and (tendon == other_tendon or "" in (tendon, other_tendon))
 
 
 def _detach_tendon(term: EffectTerm) -> tuple[str, Identity]:

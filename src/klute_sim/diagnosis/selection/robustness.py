@@ -198,7 +198,7 @@ def find_equivalent_pairs(search: ForwardSelection, best_fit: Fit) -> list[Equiv
         return []
     max_chi2 = best_fit.chi2 + MAX_LEFT_FRACTION * (base_fit.chi2 - best_fit.chi2)
     # Terms that are one to the data, such as the lengths of muscle and tendon, leave the same.
-    firsts = {round(fit.chi2): fit for fit in first_step.refits if fit.chi2 <= max_chi2}
+    firsts = {round(fit.chi2): fit for fit in reversed(first_step.refits) if fit.chi2 <= max_chi2}
     pairs: dict[frozenset[Identity], EquivalentModel] = {}
     for first_fit in [firsts[chi2] for chi2 in sorted(firsts)[:MAX_FIRST_TERMS]]:
         first = first_fit.hypothesis.terms[-1]
