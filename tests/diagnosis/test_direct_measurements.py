@@ -10,6 +10,7 @@ from klute_sim.device.device import load_device
 from klute_sim.diagnosis import workflow
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.number_error import LENGTH_ZERO
 from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals
 from klute_sim.diagnosis.planning.direct_measurements import (
     DECISIVE_RATIO,
@@ -100,7 +101,7 @@ def test_value_that_the_fit_hardly_knows_is_not_proposed() -> None:
 def test_number_of_a_model_has_its_unit() -> None:
     name = "model.geom.load.mass"
     term = EffectTerm("number_error", "value", number=name)
-    hypothesis = Hypothesis(DEVICE, (), (("force", 3.0),), (term,), mechanism_numbers=((name, 1.0),))
+    hypothesis = Hypothesis(DEVICE, (), (("force", 3.0),), (term,), rig_numbers=((name, 1.0),))
     x = np.array([hypothesis.parameters[0].normalize(1.08)])
     heavier = Fit(hypothesis, x, np.zeros(1), np.full((1, 1), 1e4), True, [])
     (weight,) = list_measurements([make_fit(), heavier])
@@ -146,7 +147,7 @@ def test_methods_belong_to_numbers_and_parameters_that_exist() -> None:
     known = {
         key for name in ("klute-3-4-pair", "klute-1-1-4-pair-valve") for key in load_device(name).spec.collect_values()
     }
-    assert set(NUMBER_METHODS) <= known
+    assert set(NUMBER_METHODS) <= {*known, LENGTH_ZERO}
     parameters = {
         (effect.name, p.key)
         for effect in catalogue.get_effects().values()

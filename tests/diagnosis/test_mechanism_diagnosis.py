@@ -196,7 +196,7 @@ def test_wrong_number_of_one_device_changes_that_device_only(tmp_path: Path) -> 
     assert dataset.mechanism is not None
     key = "extensor/tendon.slack_length_mm"
     numbers = tuple(list_tendon_error_candidates(dataset.mechanism.devices, ()).items())
-    hypothesis = Hypothesis(dataset.device, (), (), mechanism_numbers=numbers)
+    hypothesis = Hypothesis(dataset.device, (), (), rig_numbers=numbers)
     assert hypothesis.list_fitted_keys("extensor") == set()
     hypothesis = hypothesis.with_term(EffectTerm("number_error", "value", number=key))
     experiments = prepare_experiments(dataset, split_dataset(dataset))
@@ -284,7 +284,7 @@ def test_fit_rejects_steps_to_where_simulations_diverge(tmp_path: Path, monkeypa
 
 def test_candidate_that_diverges_is_rejected_with_its_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     experiments, hypothesis = prepare(tmp_path, **SHORT)
-    hypothesis = replace(hypothesis, mechanism_numbers=(("model.joint.joint.damping", 0.05),))
+    hypothesis = replace(hypothesis, rig_numbers=(("model.joint.joint.damping", 0.05),))
     simulator = Simulator(2)
     (residuals,) = WeightedData(simulator, experiments, {}).compute_residuals(hypothesis, [np.zeros(0)])
     data = WeightedData(simulator, experiments, estimate_noise_from_residuals(experiments, residuals))

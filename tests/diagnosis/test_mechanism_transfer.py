@@ -16,7 +16,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.transfer import (
     _compute_diameter_ratios,
-    _declare_mechanism_numbers,
+    _declare_rig_numbers,
     _describe_rule,
     _list_numbers,
     predict_dataset,
@@ -38,8 +38,8 @@ changes = {"tendon.slack_length_mm" = 104.0, "tendon.stiffness_1_n_per_mm" = 30.
 
 def make_diagnosis(dataset: Dataset, *terms: EffectTerm, x: list[float]) -> Diagnosis:
     """Return a diagnosis whose numbers are wrong by the standard deviations ``x``."""
-    mechanism_numbers = tuple({**dataset.model_values, **dataset.nominal_numbers}.items())
-    base = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), (), (), (), mechanism_numbers)
+    rig_numbers = tuple({**dataset.model_values, **dataset.nominal_numbers}.items())
+    base = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), (), (), (), rig_numbers)
     hypothesis = base
     for term in terms:
         hypothesis = hypothesis.with_term(term)
@@ -118,7 +118,7 @@ def test_coordinate_keeps_its_change_and_a_declared_zero_stays(first: Dataset, o
     assert other.mechanism is not None
     moved = replace(other.mechanism, model_values={**other.mechanism.model_values, coordinate: 0.04})
     for hypothesis in (base, wrong):
-        carried, x = _declare_mechanism_numbers(hypothesis, np.array([2.0]), replace(other, mechanism=moved))
+        carried, x = _declare_rig_numbers(hypothesis, np.array([2.0]), replace(other, mechanism=moved))
         (value,) = carried.values(x)
         assert value == pytest.approx(0.044)
 

@@ -72,7 +72,7 @@ def test_only_a_coordinate_may_change_its_sign(key: str, may_change_sign: bool) 
     bounds = {}
     for sign in (1.0, -1.0):
         nominal = sign * 0.2 * 6.0 * compute_plausible_error(key, 1.0)
-        hypothesis = Hypothesis(NOMINAL, (), (), (make_number_term(key),), mechanism_numbers=((key, nominal),))
+        hypothesis = Hypothesis(NOMINAL, (), (), (make_number_term(key),), rig_numbers=((key, nominal),))
         bounds[sign] = [hypothesis.parameters[0].lower, hypothesis.parameters[0].upper]
     assert (bounds[1.0][0] < 0.0) == may_change_sign
     if may_change_sign:  # the mirrored model has the mirrored bounds
@@ -82,7 +82,7 @@ def test_only_a_coordinate_may_change_its_sign(key: str, may_change_sign: bool) 
 @pytest.mark.parametrize(("quantity", "may_change_sign"), [("springref", True), ("ipos_x", True), ("stiffness", False)])
 def test_uncertain_number_with_a_sign_may_change_it(quantity: str, may_change_sign: bool) -> None:
     key = f"model.joint.a.{quantity}"
-    hypothesis = Hypothesis(NOMINAL, ((key, 0.2),), (), mechanism_numbers=((key, 0.05),))
+    hypothesis = Hypothesis(NOMINAL, ((key, 0.2),), (), rig_numbers=((key, 0.05),))
     assert (hypothesis.parameters[0].lower < 0.0) == may_change_sign
 
 
@@ -170,7 +170,7 @@ def test_bladder_on_one_tendon_ends_where_its_own_braid_holds_it() -> None:
     )
     numbers += ((f"extensor/{RADIUS}", 1.1 * values[RADIUS]),)
     flexor, extensor = (
-        Hypothesis(NOMINAL, ((f"{tendon}/{RADIUS}", 5.0),), (), mechanism_numbers=numbers).parameters[0]
+        Hypothesis(NOMINAL, ((f"{tendon}/{RADIUS}", 5.0),), (), rig_numbers=numbers).parameters[0]
         for tendon in ("flexor", "extensor")
     )
     assert (flexor.lower, flexor.upper) == pytest.approx((shared.lower, shared.upper))

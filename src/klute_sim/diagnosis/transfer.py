@@ -43,7 +43,7 @@ def check_predictable(first: Dataset, other: Dataset) -> None:
 
 def _check_numbers(names: Iterable[str], dataset: Dataset) -> None:
     """Raise InputError for one of the fitted numbers ``names`` that ``dataset`` lacks."""
-    known = {*dataset.device.spec.collect_values(), *_collect_mechanism_numbers(dataset)}
+    known = {*dataset.device.spec.collect_values(), *_collect_rig_numbers(dataset)}
     for name in names:
         if name not in known:
             owner = "mechanism" if is_model_number(name) or DEVICE_SEPARATOR in name else "device"
@@ -53,7 +53,7 @@ def _check_numbers(names: Iterable[str], dataset: Dataset) -> None:
             )
 
 
-def _collect_mechanism_numbers(dataset: Dataset) -> dict[str, float]:
+def _collect_rig_numbers(dataset: Dataset) -> dict[str, float]:
     return {} if dataset.mechanism is None else dataset.mechanism.collect_nominal_numbers()
 
 
@@ -282,7 +282,7 @@ def _list_numbers(
 
     ``hypothesis`` and ``x`` are the final fit without what belongs to the first set-up.
     """
-    declared = {**other.device.spec.collect_values(), **_collect_mechanism_numbers(other)}
+    declared = {**other.device.spec.collect_values(), **_collect_rig_numbers(other)}
     fit = diagnosis.final_fit
     assert fit is not None
     fitted_numbers = _collect_numbers(diagnosis.dataset, fit.hypothesis, fit.values)
@@ -332,34 +332,35 @@ def _collect_numbers(dataset: Dataset, hypothesis: Hypothesis, values: Sequence[
 
 def _detach_setup(fit: Fit, dataset: Dataset) -> tuple[Hypothesis, Array]:
     """Return the hypothesis and the parameters of ``fit`` without instruments, registration and single specimens."""
-    hypothesis, values = fit.hypothesis, fit.values
-    _check_numbers([*hypothesis.collect_numbers(values), *hypothesis.collect_mechanism_numbers(values)], dataset)
-    retained = [term.channel is None and term.specimen is None for term in hypothesis.terms]
+    hypothesis = fit.hypothesis
+    retained = [t.effect_definition.kind != "instrument" and t.specimen is None for t in hypothesis.terms]
     terms = tuple(term for term, keep in zip(hypothesis.terms, retained, strict=True) if keep)
     n_numbers = len(hypothesis.uncertainties)
     is_kept = [
         index < n_numbers or (parameter.term_index is not None and retained[parameter.term_index])
         for index, parameter in enumerate(hypothesis.parameters)
     ]
-    detached = replace(hypothesis, terms=terms, registration=())
-    return _declare_mechanism_numbers(detached, fit.x[is_kept], dataset)
+    detached, x = replace(hypothesis, terms=terms, registration=()), fit.x[is_kept]
+    values = detached.values(x)
+    _check_numbers([*detached.collect_numbers(values), *detached.collect_rig_numbers(values)], dataset)
+    return _declare_rig_numbers(detached, x, dataset)
 
 
-def _declare_mechanism_numbers(hypothesis: Hypothesis, x: Array, dataset: Dataset) -> tuple[Hypothesis, Array]:
+def _declare_rig_numbers(hypothesis: Hypothesis, x: Array, dataset: Dataset) -> tuple[Hypothesis, Array]:
     """Return ``hypothesis`` with the numbers of the mechanism of ``dataset``, and ``x`` with which they have the errors
     of the fit (:func:`~klute_sim.datasets.mechanism.carry_error`).
     """
-    known, deviations = _collect_mechanism_numbers(dataset), dict(hypothesis.uncertainties)
+    known, deviations = _collect_rig_numbers(dataset), dict(hypothesis.uncertainties)
     fitted = {parameter.name for parameter in hypothesis.parameters}
     numbers = {}
-    for name, declared in hypothesis.mechanism_numbers:
+    for name, declared in hypothesis.rig_numbers:
         if name not in fitted:
             continue
         numbers[name] = known[name]
         if name in deviations:
             is_relative = declared != 0.0 and not has_arbitrary_zero(name)
             deviations[name] *= abs(known[name] / declared) if is_relative else 1.0
-    carried = replace(hypothesis, uncertainties=tuple(deviations.items()), mechanism_numbers=tuple(numbers.items()))
+    carried = replace(hypothesis, uncertainties=tuple(deviations.items()), rig_numbers=tuple(numbers.items()))
     x = x.copy()
     for index, (before, after) in enumerate(zip(hypothesis.parameters, carried.parameters, strict=True)):
         if after.name in numbers:

@@ -32,7 +32,12 @@ from klute_sim.diagnosis.fitting.dependent_numbers import (
     move_mounting,
     replace_values,
 )
-from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, compute_plausible_error, make_number_effect
+from klute_sim.diagnosis.fitting.number_error import (
+    BOUND_SIGMAS,
+    LENGTH_ZERO,
+    compute_plausible_error,
+    make_number_effect,
+)
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.parameters import Parameter
@@ -135,9 +140,9 @@ class Hypothesis:
     """Additional effects."""
     registration: tuple[tuple[str, float], ...] = ()
     """Name and standard deviation of each error of the registration."""
-    mechanism_numbers: tuple[tuple[str, float], ...] = ()
-    """Name and nominal value of each number of a mechanism's model, and of each number of one of its devices that may
-    be fitted."""
+    rig_numbers: tuple[tuple[str, float], ...] = ()
+    """Name and nominal value of each number beside those of the device that may be fitted: of a mechanism's model, of
+    one of its devices, or of a bench."""
 
     def with_term(self, term: EffectTerm) -> "Hypothesis":
         """Return the hypothesis with ``term`` added."""
@@ -150,7 +155,7 @@ class Hypothesis:
     @cached_property
     def parameters(self) -> tuple[FitParameter, ...]:
         """Parameters of the device, then those of each term in order."""
-        nominal_values = {**self.device.spec.collect_values(), **dict(self.mechanism_numbers)}
+        nominal_values = {**self.device.spec.collect_values(), **dict(self.rig_numbers)}
         parameters = []
         for key, deviation in self.uncertainties:
             nominal, half_range = nominal_values[key], PRIOR_BOUND_SIGMAS * deviation
@@ -177,7 +182,7 @@ class Hypothesis:
         return tuple(parameters)
 
     def _make_number_parameter(self, key: str, term_index: int, declared: float | None) -> FitParameter:
-        nominal_values = {**self.device.spec.collect_values(), **dict(self.mechanism_numbers)}
+        nominal_values = {**self.device.spec.collect_values(), **dict(self.rig_numbers)}
         nominal = nominal_values[key] = nominal_values[key] if declared is None else declared
         error = compute_plausible_error(key, nominal)
         lower, upper = limit_number(key, nominal_values, BOUND_SIGMAS * error)
@@ -243,7 +248,7 @@ class Hypothesis:
         An uncertain number may be wrong by more than its declared uncertainty; then its two changes add. Numbers that
         are wrong for one specimen are not those of the device.
         """
-        other_names, numbers = dict(self.mechanism_numbers), dict[str, float]()
+        other_names, numbers = dict(self.rig_numbers), dict[str, float]()
         for parameter, value in zip(self.parameters, values, strict=True):
             is_number = (
                 not parameter.name.startswith(REGISTRATION_PREFIX)
@@ -259,9 +264,9 @@ class Hypothesis:
     def _is_number_of_device(term: EffectTerm) -> bool:
         return term.number is not None and term.specimen is None
 
-    def collect_mechanism_numbers(self, values: Sequence[float]) -> dict[str, float]:
-        """Return name -> fitted number of the mechanism for parameter ``values``, each in its own unit."""
-        names = dict(self.mechanism_numbers)
+    def collect_rig_numbers(self, values: Sequence[float]) -> dict[str, float]:
+        """Return name -> fitted one of :attr:`rig_numbers` for parameter ``values``, each in its own unit."""
+        names = dict(self.rig_numbers)
         return {p.name: v for p, v in zip(self.parameters, values, strict=True) if p.name in names}
 
     def build_setups(self, x: Array, experiments: Sequence[Experiment]) -> list[SimulationSetup]:
@@ -290,6 +295,7 @@ class Hypothesis:
         # Most trials share a device.
         built: dict[tuple[str | None, str, str], tuple[DeviceParameters, list[BodyEdit]]] = {}
         specimens = {term.specimen for term in self.terms}
+        length_zero = 1e-3 * self.collect_rig_numbers(values).get(LENGTH_ZERO, 0.0)
 
         def build(device: Device, tendon: str | None, specimen: str) -> tuple[DeviceParameters, list[BodyEdit]]:
             key = tendon, device.digest, specimen if specimen in specimens else ""
@@ -298,13 +304,13 @@ class Hypothesis:
                 spec = replace_values(device.spec, corrected)
                 added = {(t.effect, t.form): p for t, p in device_effects if t.tendon in (None, tendon)}
                 effects = catalogue.pack_effects(_select_effects(spec, "device") | added)
-                parameters = spec.to_parameters()._replace(effects=effects)
+                parameters = _shift_length(spec.to_parameters(), length_zero)._replace(effects=effects)
                 if experiments[0].has_body:
                     parameters = move_mounting(parameters, device.spec, spec)
                 built[key] = parameters, _collect_body_edits(spec, corrected)
             return built[key]
 
-        declared = dict(self.mechanism_numbers)
+        declared = dict(self.rig_numbers)
         changes = {n: NumberChange(declared[n], v) for n, v in self.collect_model_numbers(values).items()}
         setups = []
         for experiment in experiments:
@@ -337,8 +343,8 @@ class Hypothesis:
             for key, value in self.collect_numbers(values).items()
             if key in declared_values
         }
-        declared = dict(self.mechanism_numbers)
-        for name, value in self.collect_mechanism_numbers(values).items():
+        declared = dict(self.rig_numbers)
+        for name, value in self.collect_rig_numbers(values).items():
             owner, separator, key = name.rpartition(DEVICE_SEPARATOR)
             if separator and owner == tendon:
                 corrected[key] = corrected.get(key, declared_values[key]) + value - declared[name]
@@ -357,13 +363,19 @@ class Hypothesis:
     def list_fitted_keys(self, tendon: str | None) -> set[str]:
         """Return ``section.key`` of all fitted numbers of the device on ``tendon`` (None: no mechanism)."""
         initial = [p.initial for p in self.parameters]
-        names = (name.rpartition(DEVICE_SEPARATOR) for name in self.collect_mechanism_numbers(initial))
+        names = (name.rpartition(DEVICE_SEPARATOR) for name in self.collect_rig_numbers(initial))
         shared = self.collect_numbers(initial)
         return {*shared, *(key for owner, separator, key in names if separator and owner == tendon)}
 
     def collect_model_numbers(self, values: Sequence[float]) -> dict[str, float]:
         """Return name -> fitted number of the model of a mechanism for parameter ``values``."""
-        return {name: v for name, v in self.collect_mechanism_numbers(values).items() if is_model_number(name)}
+        return {name: v for name, v in self.collect_rig_numbers(values).items() if is_model_number(name)}
+
+
+def _shift_length(parameters: DeviceParameters, length_zero: float) -> DeviceParameters:
+    """Return ``parameters`` of a device whose prescribed length reads ``length_zero`` [m] too much."""
+    tendon = parameters.tendon
+    return parameters._replace(tendon=tendon._replace(slack_length=tendon.slack_length + length_zero))
 
 
 def _select_effects(spec: DeviceSpec, kind: str) -> dict[tuple[str, str], dict[str, float]]:

@@ -10,6 +10,7 @@ from collections.abc import Container, Mapping
 from functools import cache
 from typing import NamedTuple
 
+from klute_sim.datasets.channels import RigName
 from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
 from klute_sim.device.device import Device
 from klute_sim.device.schema.document import DeviceSpec
@@ -19,6 +20,8 @@ EFFECTS = "effects."
 """Beginning of the keys of the numbers of declared effects."""
 NUMBER_ERROR_NAME = "number_error"
 """Name of the cause in verdicts, where an effect has its name in the catalogue."""
+LENGTH_ZERO = "bench.length_zero_mm"
+"""Reading of the prescribed length of a bench where the true length is zero [mm]; 0 where its zero is right."""
 BOUND_SIGMAS = 6.0
 """Bounds of a number that is tested for an error, in plausible errors from the device's value (assumed). Numbers with
 errors as large as that were not read wrongly, they are those of another device."""
@@ -69,6 +72,7 @@ PLAUSIBLE_ERRORS = {
     "tendon.slack_length_mm": PlausibleError(2.0, 0.0, "assumed: assembly, knots and crosshead zero"),
     "tendon.engagement_mm": PlausibleError(0.5, 0.0, "assumed: assembly"),
     "mounting.neutral_muscle_ratio": PlausibleError(0.01, 0.0, "assumed: assembly, a few millimetres"),
+    LENGTH_ZERO: PlausibleError(1.0, 0.0, "assumed: clamps and crosshead zero"),
     "supply.rate_bar_per_s": PlausibleError(relative=2.0, source="assumed: regulators differ by several times"),
     "supply.gas_temperature_c": PlausibleError(3.0, 0.0, "assumed: a room over a day"),
     "valve.fill_dm3_per_s_bar": _CONDUCTANCE,
@@ -126,6 +130,14 @@ def list_tendon_error_candidates(devices: Mapping[str, Device], uncertain_keys: 
     }
 
 
+def list_bench_error_candidates(rig: RigName, device: Device) -> dict[str, float]:
+    """Return name -> declared value of each number of a ``rig`` that may be wrong beside those of ``device``.
+
+    With a tendon, the slack length has the error of the zero as well.
+    """
+    return {LENGTH_ZERO: 0.0} if rig == "bench" and device.spec.tendon is None else {}
+
+
 def list_model_error_candidates(values: Mapping[str, float], uncertain_keys: frozenset[str]) -> list[str]:
     """Return the names of the numbers of a model that may be wrong, among its ``values`` (name -> value).
 
@@ -169,11 +181,11 @@ def make_number_effect(key: str) -> Effect:
         typical=1.0,
         source=_find_plausible_error(key).source,
     )
-    file = "MJCF file" if is_model_number(key) else "device file"
+    file = "MJCF file" if is_model_number(key) else "zero" if key == LENGTH_ZERO else "device file"
     form = EffectForm(name="value", equation=f"{key} differs from the {file}", parameters=(parameter,))
     return Effect(
         name=NUMBER_ERROR_NAME,
         description=f"A number of the {file} is wrong.",
-        kind="model number" if is_model_number(key) else "number",
+        kind="model number" if is_model_number(key) else "instrument" if key == LENGTH_ZERO else "number",
         forms=(form,),
     )

@@ -11,6 +11,7 @@ from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.number_error import LENGTH_ZERO
 from klute_sim.units import split_unit
 
 DECISIVE_RATIO = 4.0
@@ -47,6 +48,9 @@ NUMBER_METHODS: Mapping[str, MeasurementMethod] = {
     ),
     "muscle.bladder_radius_mm": MeasurementMethod("Measure half the outer diameter of the bladder with calipers", 0.05),
     "muscle.bladder_thickness_mm": MeasurementMethod("Measure the wall of the bladder with calipers", 0.03),
+    LENGTH_ZERO: MeasurementMethod(
+        "Measure the muscle in the machine with calipers, and take what the machine shows above that", 0.1
+    ),
     "damper.bore_mm": MeasurementMethod("Measure the bore with an internal micrometer", 0.01),
     "damper.orifice_concentric_mm": _PIN_GAUGE,
     "damper.orifice_eccentric_mm": _PIN_GAUGE,

@@ -17,6 +17,7 @@ from klute_sim.diagnosis.fitting.number_error import (
     NUMBER_ERROR_NAME,
     SPECIMEN_NUMBERS,
     compute_plausible_error,
+    list_bench_error_candidates,
     list_error_candidates,
     list_model_error_candidates,
     list_tendon_error_candidates,
@@ -39,7 +40,8 @@ def check_effect_names(dataset: Dataset, only: Sequence[str], exclude: Sequence[
     """
     devices = {} if dataset.mechanism is None else dataset.mechanism.devices
     tendon_numbers = list_tendon_error_candidates(devices, ())
-    values = [*dataset.device.spec.collect_values(), *tendon_numbers, *dataset.model_values]
+    bench_numbers = list_bench_error_candidates(dataset.rig, dataset.device)
+    values = [*dataset.device.spec.collect_values(), *tendon_numbers, *dataset.model_values, *bench_numbers]
     for name in (*only, *exclude):
         effect = name.partition("@")[0]
         if effect not in (NUMBER_ERROR_NAME, *values) and effect not in catalogue.get_effects():
@@ -220,7 +222,8 @@ def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
     model_numbers = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))
     devices = {} if dataset.mechanism is None else dataset.mechanism.devices
     tendon_numbers = list_tendon_error_candidates(devices, dataset.uncertainties)
-    keys = (*numbers, *tendon_numbers, *model_numbers)
+    bench_numbers = list_bench_error_candidates(dataset.rig, dataset.device)
+    keys = (*numbers, *tendon_numbers, *model_numbers, *bench_numbers)
     return terms + [EffectTerm(NUMBER_ERROR_NAME, "value", number=key) for key in keys]
 
 

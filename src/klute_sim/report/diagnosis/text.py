@@ -12,7 +12,7 @@ from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.diagnosis.data_quality import find_moving_trials
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
-from klute_sim.diagnosis.fitting.number_error import EFFECTS
+from klute_sim.diagnosis.fitting.number_error import EFFECTS, LENGTH_ZERO
 from klute_sim.diagnosis.localization.equation_residuals import (
     EQUATION_UNITS,
     EquationResidual,
@@ -86,6 +86,8 @@ def format_term(term: EffectTerm) -> str:
         element, _, rest = term.number.removeprefix(PREFIX).partition(".")
         name, _, number = rest.rpartition(".")
         return f"{number} of the {element} '{name}'"
+    if term.number == LENGTH_ZERO:
+        return "zero of the prescribed length"
     if term.number:
         tendon, _, device_key = term.number.rpartition(DEVICE_SEPARATOR)
         section, _, key = device_key.rpartition(".")
@@ -341,7 +343,7 @@ def _describe_content_of_files(diagnosis: Diagnosis) -> str:
         return declared
     fit = diagnosis.recommended_fit
     parts = []
-    if fit.hypothesis.collect_numbers(fit.values) or fit.hypothesis.collect_mechanism_numbers(fit.values):
+    if fit.hypothesis.collect_numbers(fit.values) or fit.hypothesis.collect_rig_numbers(fit.values):
         parts.append("the refitted numbers")
     terms = diagnosis.list_added_terms(fit)
     if any(t.effect_definition.kind in ("device", "body", "mechanism") and not t.channel for t in terms):
