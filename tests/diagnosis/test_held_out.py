@@ -11,6 +11,11 @@ from klute_sim.api.rendering import render_text
 from klute_sim.datasets import dataset as datasets
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis import held_out
+from klute_sim.diagnosis.confirmation import (
+    leaves_more_than_in_fit,
+    record_confirmation,
+    record_declared_advantage,
+)
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
@@ -20,8 +25,6 @@ from klute_sim.diagnosis.held_out import (
     FINAL_MODEL,
     NOMINAL_MODEL,
     claims_no_misfit,
-    record_confirmation,
-    record_declared_advantage,
     record_divergence,
     record_test_misfit,
 )
@@ -166,6 +169,18 @@ def test_trials_in_which_the_effects_do_not_act_confirm_none(dataset: datasets.D
     refuted = make_diagnosis(dataset, "identified", refitted=6.0, with_effects=12.0)
     record_confirmation(refuted, is_exercised=False)
     assert (refuted.held_out, refuted.verdict) == ("not-confirmed", "unexplained")
+
+
+@pytest.mark.parametrize(("fitted_rms", "held_out"), [(5.0, "not-tested"), (3.0, "not-confirmed")])
+def test_error_of_the_law_where_the_effects_do_not_act_refutes_none(
+    fitted_rms: float, held_out: str, dataset: datasets.Dataset
+) -> None:
+    """A friction was denied by a clamped trial, which left what the other trials leave."""
+    diagnosis = make_diagnosis(dataset, "identified-in-part", refitted=12.0, with_effects=12.0)
+    diagnosis.final_fit = cast(Any, SimpleNamespace(residuals=[{"force": np.full(9, fitted_rms)}]))
+    assert leaves_more_than_in_fit(diagnosis) == (held_out == "not-confirmed")
+    record_confirmation(diagnosis, is_exercised=False, leaves_more=leaves_more_than_in_fit(diagnosis))
+    assert diagnosis.held_out == held_out
 
 
 @pytest.mark.parametrize(("is_exercised", "held_out"), [(False, "not-tested"), (True, "not-confirmed")])
@@ -377,6 +392,7 @@ def test_one_device_is_recommended(
     monkeypatch.setattr(held_out, "_compute_residuals", lambda *_: (cast(Any, SimpleNamespace(experiments=[])), []))
     monkeypatch.setattr(held_out, "estimate_misfit", lambda *_: {})
     monkeypatch.setattr(held_out, "exercises_effects", lambda *_: True)
+    monkeypatch.setattr(held_out, "leaves_more_than_in_fit", lambda *_: True)
     held_out.evaluate_held_out(diagnosis, cast(Any, SimpleNamespace(noise={})))
     assert diagnosis.recommended_device == recommended
     sentences = [reason for reason in diagnosis.reasons if "recommended" in reason]
@@ -394,6 +410,7 @@ def test_declared_device_is_compared_with_the_one_that_a_divergence_leaves(
     monkeypatch.setattr(held_out, "_compute_residuals", lambda *_: (cast(Any, SimpleNamespace(experiments=[])), []))
     monkeypatch.setattr(held_out, "estimate_misfit", lambda *_: {})
     monkeypatch.setattr(held_out, "exercises_effects", lambda *_: True)
+    monkeypatch.setattr(held_out, "leaves_more_than_in_fit", lambda *_: True)
     held_out.evaluate_held_out(diagnosis, cast(Any, SimpleNamespace(noise={})))
     assert diagnosis.recommended_device == recommended
     assert "diverges" in diagnosis.reasons[0]
