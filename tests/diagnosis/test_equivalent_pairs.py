@@ -37,7 +37,7 @@ def search(monkeypatch: pytest.MonkeyPatch) -> ForwardSelection:
     """A search whose second terms leave what the table says: only the pair of radius and turns reaches the noise."""
     left = {frozenset([TURNS, RADIUS]): 16.001e3, frozenset([GAIN, RADIUS]): 20e3, frozenset([TAPER, RADIUS]): 18e3}
     candidates = tuple(
-        SimpleNamespace(term=term, predicted_gain=gain) for term, gain in ((RADIUS, 9e3), (WALL, 5e3), (TURNS, 4e3))
+        SimpleNamespace(term=term, predicted_gain=gain) for term, gain in ((RADIUS, 9e3), (WALL, 7e3), (TURNS, 4e3))
     )
     singles = (make_fit(TAPER, chi2=19e3), make_fit(GAIN, chi2=24e3), make_fit(TURNS, chi2=28e3))
 
@@ -47,7 +47,9 @@ def search(monkeypatch: pytest.MonkeyPatch) -> ForwardSelection:
 
     monkeypatch.setattr(robustness, "predict_gains", lambda fit, candidates: candidates)
     monkeypatch.setattr(
-        robustness, "screen_candidates", lambda data, fit, terms: [SimpleNamespace(term=term) for term in terms]
+        robustness,
+        "screen_candidates",
+        lambda data, fit, terms: [c for c in candidates if c.term in terms],
     )
     monkeypatch.setattr(robustness, "refine_effects", lambda data, fit: fit)
     monkeypatch.setattr(robustness, "find_naming_obstacle", lambda data, fit: "")
@@ -63,8 +65,7 @@ def search(monkeypatch: pytest.MonkeyPatch) -> ForwardSelection:
 def test_pair_with_two_other_names_is_found(search: ForwardSelection) -> None:
     """A smaller muscle has another radius and other turns; tapered ends and a thinner wall look the same."""
     (pair,) = find_equivalent_pairs(search, NAMED)
-    assert pair.fit.hypothesis.terms == (TURNS, RADIUS)
-    assert pair.difference == pytest.approx(1.0)
+    assert pair.hypothesis.terms == (TURNS, RADIUS)
 
 
 def test_first_term_that_leaves_much_begins_no_pair(search: ForwardSelection, monkeypatch: pytest.MonkeyPatch) -> None:

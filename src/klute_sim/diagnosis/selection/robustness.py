@@ -30,6 +30,8 @@ MAX_FIRST_TERMS, MAX_SECOND_TERMS = 6, 3
 """Largest number of first terms of other pairs, and of second terms beside each of them (assumed)."""
 MAX_LEFT_FRACTION = 0.1
 """Largest part of the fall of chi squared with a pair that the first term of another pair leaves (assumed)."""
+MIN_SECOND_GAIN_FRACTION = 0.5
+"""Smallest predicted part of what a model leaves, without one of its terms, that another term takes (assumed)."""
 RESTART_SIGMAS = 3.0
 """Distance of the restart from the fit, in standard errors of each parameter (assumed)."""
 MIN_RESTART_OFFSET = 0.02
@@ -78,22 +80,26 @@ def select_final_fit(
         if is_as_good and not has_value_at_bound(smaller_fit) and not search.has_misfit(smaller_fit):
             fit, has_converged = smaller_fit, is_reproducible
     progress(0.7, "searching for equivalent models")
-    equivalent_models = _find_rivals(search, fit)
+    pairs = find_equivalent_pairs(search, fit)
+    equivalent_models = _merge_rivals(search, fit, find_equivalent_models(search, fit), pairs)
     for _ in range(MAX_EXCHANGES):  # the equivalents of another model may hold a better one
         better_fit = _find_better_model(search, fit, equivalent_models)
         if better_fit is None:
             break
         fit, has_converged = refine_and_simplify(search, better_fit, np.random.default_rng(seed))
-        equivalent_models = _find_rivals(search, fit)
+        equivalent_models = _merge_rivals(search, fit, find_equivalent_models(search, fit), pairs)
     return fit, has_converged, equivalent_models
 
 
-def _find_rivals(search: ForwardSelection, fit: Fit) -> list[EquivalentModel]:
-    """Return the equivalents of ``fit`` with one replaced term, and those of a pair with two, best first."""
-    models = find_equivalent_models(search, fit)
-    known = {model.fit.identities for model in models}
-    models += [model for model in find_equivalent_pairs(search, fit) if model.fit.identities not in known]
-    return sorted(models, key=lambda model: model.difference)
+def _merge_rivals(
+    search: ForwardSelection, fit: Fit, models: Sequence[EquivalentModel], pairs: Sequence[Fit]
+) -> list[EquivalentModel]:
+    """Return ``models`` and those of ``pairs`` that are as good as ``fit`` and others than these, best first."""
+    n = search.data.n_effective
+    known = {fit.identities, *(model.fit.identities for model in models)}
+    others = [EquivalentModel(pair, pair.bic(n) - fit.bic(n)) for pair in pairs if pair.identities not in known]
+    merged = [*models, *(model for model in others if model.difference <= search.bic_threshold)]
+    return sorted(merged, key=lambda model: model.difference)
 
 
 def _find_better_model(search: ForwardSelection, fit: Fit, equivalent_models: Sequence[EquivalentModel]) -> Fit | None:
@@ -140,7 +146,7 @@ def find_smaller_model(search: ForwardSelection, best_fit: Fit) -> Fit | None:
 def _refit_replacements(search: ForwardSelection, reduced_fit: Fit, best_fit: Fit, bic_goal: float) -> list[Fit]:
     """Return refits of ``reduced_fit`` with one more term that may reach at least half the gain of ``best_fit``."""
     unused = list_further_terms(search.candidate_terms, reduced_fit)
-    min_gain = 0.5 * (reduced_fit.chi2 - best_fit.chi2)
+    min_gain = MIN_SECOND_GAIN_FRACTION * (reduced_fit.chi2 - best_fit.chi2)
     promising = [c for c in screen_candidates(search.data, reduced_fit, unused) if c.predicted_gain > min_gain]
     if not promising:
         return []
@@ -182,8 +188,8 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
     return sorted(models, key=lambda model: model.difference)
 
 
-def find_equivalent_pairs(search: ForwardSelection, best_fit: Fit) -> list[EquivalentModel]:
-    """Return the pairs of terms that explain the data as well as ``best_fit``; none where it has not added two.
+def find_equivalent_pairs(search: ForwardSelection, best_fit: Fit) -> list[Fit]:
+    """Return fits of the pairs of terms that explain the data as well as ``best_fit``; none where it has not added two.
 
     A smaller muscle with the same braid angle has another radius and other turns per metre. Another pair may imitate
     both, although no effect of it imitates one of them. So pairs are compared whose first term the first step of
@@ -199,23 +205,22 @@ def find_equivalent_pairs(search: ForwardSelection, best_fit: Fit) -> list[Equiv
     max_chi2 = best_fit.chi2 + MAX_LEFT_FRACTION * (base_fit.chi2 - best_fit.chi2)
     # Terms that are one to the data, such as the lengths of muscle and tendon, leave the same.
     firsts = {round(fit.chi2): fit for fit in reversed(first_step.refits) if fit.chi2 <= max_chi2}
-    pairs: dict[frozenset[Identity], EquivalentModel] = {}
+    pairs: dict[frozenset[Identity], Fit] = {}
     for first_fit in [firsts[chi2] for chi2 in sorted(firsts)[:MAX_FIRST_TERMS]]:
         first = first_fit.hypothesis.terms[-1]
         others = [c for c in first_step.candidates if not is_same_cause(c.term, first)]
         promising = select_best_causes(predict_gains(first_fit, others), MAX_SECOND_TERMS)
+        min_gain = MIN_SECOND_GAIN_FRACTION * (first_fit.chi2 - best_fit.chi2)
         for candidate in screen_candidates(data, first_fit, [c.term for c in promising]):
             identities = frozenset([first.identity, candidate.term.identity])
-            if identities == names or identities in pairs:
+            if candidate.predicted_gain < min_gain or identities == names or identities in pairs:
                 continue
             (refit,) = search.refit_candidates(first_fit, [candidate], best_fit.bic(data.n_effective))
             if not _is_equivalent(search, first_fit, refit, best_fit):
                 continue
             pair_fit = refine_effects(data, refit)
-            if find_naming_obstacle(data, pair_fit) or not _is_equivalent(search, first_fit, pair_fit, best_fit):
-                continue
-            difference = pair_fit.bic(data.n_effective) - best_fit.bic(data.n_effective)
-            pairs[identities] = EquivalentModel(pair_fit, difference)
+            if not find_naming_obstacle(data, pair_fit) and _is_equivalent(search, first_fit, pair_fit, best_fit):
+                pairs[identities] = pair_fit
     return list(pairs.values())
 
 
