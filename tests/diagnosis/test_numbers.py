@@ -12,7 +12,13 @@ from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers, limit_to_valid
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.diagnosis.fitting.number_error import NUMBER_ERROR_NAME, compute_plausible_error, list_error_candidates
+from klute_sim.diagnosis.fitting.number_error import (
+    NUMBER_ERROR_NAME,
+    SAME_ANGLE,
+    SAME_RADIUS,
+    compute_plausible_error,
+    list_error_candidates,
+)
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.selection.candidates import list_contradicted_numbers, list_further_terms
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle, find_numbers_at_limit, find_terms_at_bound
@@ -132,6 +138,40 @@ def test_radius_follows_braid_and_turns_unless_it_is_fitted() -> None:
     both = complete_numbers(values, {"muscle.turns_per_m": turns, RADIUS: values[RADIUS]})
     braid_radius = 1e3 * compute_braid_radius(values["muscle.braid_length_ratio"], 1.0, turns)
     assert 0.95 * braid_radius < both[RADIUS] < 1.06 * braid_radius
+
+
+def test_radius_at_the_same_braid_angle_changes_the_turns() -> None:
+    """tan(angle) = 2 pi R N / L0, and B / L0 = 1 / cos(angle), which is the ratio of the file."""
+    term = EffectTerm(NUMBER_ERROR_NAME, SAME_ANGLE, number=RADIUS)
+    hypothesis = Hypothesis(NOMINAL, (), ()).with_term(term)
+    fitted = augment_device(make_fit(hypothesis, np.array([-2.0])), "data")
+    before, after = NOMINAL.spec.collect_values(), fitted.spec.collect_values()
+    assert after[RADIUS] == pytest.approx(before[RADIUS] - 0.2)
+    assert after[RADIUS] * after["muscle.turns_per_m"] == pytest.approx(before[RADIUS] * before["muscle.turns_per_m"])
+    changed = {key for key, value in before.items() if after[key] != value}
+    assert changed == {RADIUS, "muscle.turns_per_m"}
+    alone = augment_device(make_fit(Hypothesis(NOMINAL, (), (), (make_number_term(RADIUS),)), np.array([-2.0])), "data")
+    assert alone.spec.collect_values()["muscle.turns_per_m"] == before["muscle.turns_per_m"]
+    assert format_term(term) == "bladder radius of the muscle at the same braid angle"
+    assert hypothesis.build_setups(np.zeros(1), [make_trial()])[0].parameters == NOMINAL.parameters
+
+
+def test_turns_at_the_same_radius_change_the_length_of_the_braid() -> None:
+    term = EffectTerm(NUMBER_ERROR_NAME, SAME_RADIUS, number="muscle.turns_per_m")
+    hypothesis = Hypothesis(NOMINAL, (), ()).with_term(term)
+    before = NOMINAL.spec.collect_values()
+    after = before | hypothesis.correct_numbers(NOMINAL, None, hypothesis.values(np.array([1.5])))
+    assert after["muscle.turns_per_m"] == pytest.approx(1.03 * before["muscle.turns_per_m"])
+    radii = [
+        compute_braid_radius(v["muscle.braid_length_ratio"], 1.0, v["muscle.turns_per_m"]) for v in (before, after)
+    ]
+    assert radii[1] == pytest.approx(radii[0])
+    assert {key for key, value in before.items() if after[key] != value} == {
+        "muscle.turns_per_m",
+        "muscle.braid_length_ratio",
+    }
+    assert format_term(term) == "turns of the muscle and braid length at the same radius"
+    assert hypothesis.build_setups(np.zeros(1), [make_trial()])[0].parameters == NOMINAL.parameters
 
 
 def test_radius_stays_if_braid_or_turns_are_wrong() -> None:

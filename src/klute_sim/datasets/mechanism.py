@@ -229,4 +229,4 @@ def carry_error(name: str, declared: float, corrected: float, other: float) -> f
     """
     if declared == 0.0 or has_arbitrary_zero(name):
         return other + corrected - declared
-    return other * corrected / declared
+    return other * (corrected / declared)  # exactly the other value where nothing is corrected

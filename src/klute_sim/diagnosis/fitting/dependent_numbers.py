@@ -29,14 +29,29 @@ NEUTRAL_RATIO = "mounting.neutral_muscle_ratio"
 
 
 def complete_numbers(
-    values: Mapping[str, float], fitted: Mapping[str, float], wrong: Collection[str] = ()
+    values: Mapping[str, float],
+    fitted: Mapping[str, float],
+    wrong: Collection[str] = (),
+    *,
+    keeps_angle: bool = False,
+    keeps_radius: bool = False,
 ) -> dict[str, float]:
     """Return ``fitted`` within the limits of a device file, and the numbers that follow from them.
 
     ``values`` are all numbers of the device before the fit, ``section.key`` -> value in the unit of the key. ``wrong``
     are the keys of ``fitted`` whose number in the file is wrong; other numbers do not follow them further than a valid
-    file requires.
+    file requires. With ``keeps_angle``, the turns N follow the radius R so that the braid has the same angle a; with
+    ``keeps_radius``, the length B of the braid follows the turns. Both by ``tan a = 2 pi R N / L0`` and ``cos a = L0 /
+    B``.
     """
+    if keeps_angle and RADIUS in fitted:
+        turns = {**values, **fitted}[TURNS] * (values[RADIUS] / fitted[RADIUS])
+        fitted, wrong = {**fitted, TURNS: turns}, {*wrong, TURNS}
+    if keeps_radius and TURNS in fitted:
+        ratio, scale = {**values, **fitted}[BRAID_RATIO], fitted[TURNS] / values[TURNS]
+        # The square of the tangent grows by (scale^2 - 1); without a change, the ratio is exactly that of the file.
+        ratio *= math.sqrt(1.0 + (1.0 - ratio**-2) * (scale * scale - 1.0))
+        fitted, wrong = {**fitted, BRAID_RATIO: ratio}, {*wrong, BRAID_RATIO}
     changed = {key: min(max(value, find_limits(key)[0]), find_limits(key)[1]) for key, value in fitted.items()}
     if not changed.keys() & {RADIUS, THICKNESS, BRAID_RATIO, TURNS}:
         return changed
@@ -101,6 +116,12 @@ def move_mounting(parameters: DeviceParameters, declared: DeviceSpec, corrected:
     change = corrected.mounting.neutral_muscle_ratio - declared.mounting.neutral_muscle_ratio
     tendon, shift = parameters.tendon, change * parameters.muscle.resting_length
     return parameters._replace(tendon=tendon._replace(slack_length=tendon.slack_length - shift))
+
+
+def shift_length(parameters: DeviceParameters, length_zero: float) -> DeviceParameters:
+    """Return ``parameters`` of a device whose prescribed length reads ``length_zero`` [m] too much."""
+    tendon = parameters.tendon
+    return parameters._replace(tendon=tendon._replace(slack_length=tendon.slack_length + length_zero))
 
 
 def limit_number(key: str, nominal_values: Mapping[str, float], half_range: float) -> tuple[float, float]:

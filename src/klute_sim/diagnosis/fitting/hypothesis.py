@@ -31,10 +31,14 @@ from klute_sim.diagnosis.fitting.dependent_numbers import (
     limit_number,
     move_mounting,
     replace_values,
+    shift_length,
 )
 from klute_sim.diagnosis.fitting.number_error import (
     BOUND_SIGMAS,
+    FORM_WORDS,
     LENGTH_ZERO,
+    SAME_ANGLE,
+    SAME_RADIUS,
     compute_plausible_error,
     make_number_effect,
 )
@@ -98,7 +102,7 @@ class EffectTerm(NamedTuple):
     def form_definition(self) -> EffectForm:
         """The form of the effect."""
         if self.number:
-            return self.effect_definition.forms[0]
+            return next(form for form in self.effect_definition.forms if form.name == self.form)
         return catalogue.find_form(self.effect, self.form)[1]
 
     @property
@@ -111,7 +115,8 @@ class EffectTerm(NamedTuple):
     def __str__(self) -> str:
         """Return effect, form (where there are several) and owner, or the number that may be wrong."""
         if self.number:
-            return f"{self.number} of specimen '{self.specimen}'" if self.specimen else self.number
+            form = FORM_WORDS.get(self.form, "")
+            return f"{self.number}{form} of specimen '{self.specimen}'" if self.specimen else f"{self.number}{form}"
         owner = f" of {self.owner}" if self.owner else ""
         if len(self.effect_definition.forms) == 1:
             return f"{self.effect}{owner}"
@@ -304,7 +309,7 @@ class Hypothesis:
                 spec = replace_values(device.spec, corrected)
                 added = {(t.effect, t.form): p for t, p in device_effects if t.tendon in (None, tendon)}
                 effects = catalogue.pack_effects(_select_effects(spec, "device") | added)
-                parameters = _shift_length(spec.to_parameters(), length_zero)._replace(effects=effects)
+                parameters = shift_length(spec.to_parameters(), length_zero)._replace(effects=effects)
                 if experiments[0].has_body:
                     parameters = move_mounting(parameters, device.spec, spec)
                 built[key] = parameters, _collect_body_edits(spec, corrected)
@@ -358,7 +363,9 @@ class Hypothesis:
             owner, _, key = (term.number or "").rpartition(DEVICE_SEPARATOR)
             if key and owner in ("", tendon) and term.specimen in (None, specimen):
                 wrong.add(key)
-        return complete_numbers(declared_values, corrected, wrong)
+        forms = {term.form for term in self.terms}
+        keeps_angle, keeps_radius = SAME_ANGLE in forms, SAME_RADIUS in forms
+        return complete_numbers(declared_values, corrected, wrong, keeps_angle=keeps_angle, keeps_radius=keeps_radius)
 
     def list_fitted_keys(self, tendon: str | None) -> set[str]:
         """Return ``section.key`` of all fitted numbers of the device on ``tendon`` (None: no mechanism)."""
@@ -370,12 +377,6 @@ class Hypothesis:
     def collect_model_numbers(self, values: Sequence[float]) -> dict[str, float]:
         """Return name -> fitted number of the model of a mechanism for parameter ``values``."""
         return {name: v for name, v in self.collect_rig_numbers(values).items() if is_model_number(name)}
-
-
-def _shift_length(parameters: DeviceParameters, length_zero: float) -> DeviceParameters:
-    """Return ``parameters`` of a device whose prescribed length reads ``length_zero`` [m] too much."""
-    tendon = parameters.tendon
-    return parameters._replace(tendon=tendon._replace(slack_length=tendon.slack_length + length_zero))
 
 
 def _select_effects(spec: DeviceSpec, kind: str) -> dict[tuple[str, str], dict[str, float]]:

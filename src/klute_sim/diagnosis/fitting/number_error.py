@@ -14,6 +14,7 @@ from klute_sim.datasets.channels import RigName
 from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
 from klute_sim.device.device import Device
 from klute_sim.device.schema.document import DeviceSpec
+from klute_sim.diagnosis.fitting.dependent_numbers import RADIUS, TURNS
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 
 EFFECTS = "effects."
@@ -22,6 +23,11 @@ NUMBER_ERROR_NAME = "number_error"
 """Name of the cause in verdicts, where an effect has its name in the catalogue."""
 LENGTH_ZERO = "bench.length_zero_mm"
 """Reading of the prescribed length of a bench where the true length is zero [mm]; 0 where its zero is right."""
+SAME_ANGLE, SAME_RADIUS = "same_angle", "same_radius"
+"""Forms of a wrong bladder radius with which the turns follow at the same braid angle, and of wrong turns with which
+the length of the braid follows at the same radius: both are computed from radius and angle, one of which was wrong."""
+FORM_WORDS = {SAME_ANGLE: " at the same braid angle", SAME_RADIUS: " and braid length at the same radius"}
+"""Form -> words after those of the number."""
 BOUND_SIGMAS = 6.0
 """Bounds of a number that is tested for an error, in plausible errors from the device's value (assumed). Numbers with
 errors as large as that were not read wrongly, they are those of another device."""
@@ -182,10 +188,15 @@ def make_number_effect(key: str) -> Effect:
         source=_find_plausible_error(key).source,
     )
     file = "MJCF file" if is_model_number(key) else "zero" if key == LENGTH_ZERO else "device file"
-    form = EffectForm(name="value", equation=f"{key} differs from the {file}", parameters=(parameter,))
+    equations = {"value": f"{key} differs from the {file}"}
+    if key == RADIUS:
+        equations[SAME_ANGLE] = f"{key} differs from the {file}, and so do the turns: the braid has the declared angle"
+    if key == TURNS:
+        equations[SAME_RADIUS] = f"{key} and the length of the braid differ from the {file}, whose radius is right"
+    forms = [EffectForm(name=name, equation=text, parameters=(parameter,)) for name, text in equations.items()]
     return Effect(
         name=NUMBER_ERROR_NAME,
         description=f"A number of the {file} is wrong.",
         kind="model number" if is_model_number(key) else "instrument" if key == LENGTH_ZERO else "number",
-        forms=(form,),
+        forms=tuple(forms),
     )

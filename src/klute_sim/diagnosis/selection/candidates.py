@@ -21,6 +21,7 @@ from klute_sim.diagnosis.fitting.number_error import (
     list_error_candidates,
     list_model_error_candidates,
     list_tendon_error_candidates,
+    make_number_effect,
 )
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.quantization import Quantizer
@@ -224,7 +225,9 @@ def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
     tendon_numbers = list_tendon_error_candidates(devices, dataset.uncertainties)
     bench_numbers = list_bench_error_candidates(dataset.rig, dataset.device)
     keys = (*numbers, *tendon_numbers, *model_numbers, *bench_numbers)
-    return terms + [EffectTerm(NUMBER_ERROR_NAME, "value", number=key) for key in keys]
+    return terms + [
+        EffectTerm(NUMBER_ERROR_NAME, form.name, number=key) for key in keys for form in make_number_effect(key).forms
+    ]
 
 
 def list_device_terms(effect: Effect, device: Device, devices: Mapping[str, Device]) -> list[EffectTerm]:

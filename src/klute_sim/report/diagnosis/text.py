@@ -12,7 +12,7 @@ from klute_sim.datasets.mechanism_channels import normalize_name
 from klute_sim.diagnosis.data_quality import find_moving_trials
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
-from klute_sim.diagnosis.fitting.number_error import EFFECTS, LENGTH_ZERO
+from klute_sim.diagnosis.fitting.number_error import EFFECTS, FORM_WORDS, LENGTH_ZERO
 from klute_sim.diagnosis.localization.equation_residuals import (
     EQUATION_UNITS,
     EquationResidual,
@@ -93,7 +93,7 @@ def format_term(term: EffectTerm) -> str:
         section, _, key = device_key.rpartition(".")
         section = humanize_identifier(section.removeprefix(EFFECTS))
         owner = f" on '{tendon}'" if tendon else f" of specimen '{term.specimen}'" if term.specimen else ""
-        return f"{split_key(key)[0]} of the {section}{owner}"
+        return f"{split_key(key)[0]} of the {section}{owner}{FORM_WORDS.get(term.form, '')}"
     form = f" ({humanize_identifier(term.form)})" if len(term.effect_definition.forms) > 1 else ""
     owner = f" of {humanize_identifier(term.owner)}" if term.owner else ""
     return f"{humanize_identifier(term.effect)}{form}{owner}"
