@@ -1,13 +1,15 @@
 """A tester whose length has a wrong zero, and a muscle without a tendon, whose slack length would have its error."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from klute_sim.datasets.dataset import load_dataset
 from klute_sim.datasets.write import write_trial
-from klute_sim.device.device import load_device
+from klute_sim.device.device import Device, load_device
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
@@ -41,10 +43,18 @@ def write_loops(folder: Path, zero: float) -> Path:
     return folder
 
 
-def test_zero_is_a_candidate_without_a_tendon_only() -> None:
-    assert list_bench_error_candidates("bench", BARE) == {LENGTH_ZERO: 0.0}
-    assert list_bench_error_candidates("bench", WITH_TENDON) == {}  # the slack length is the same
-    assert list_bench_error_candidates("mjcf", BARE) == {}
+def list_numbers(rig: str, *devices: Device) -> dict[str, float]:
+    trials = [SimpleNamespace(device=device) for device in devices]
+    return list_bench_error_candidates(cast(Any, SimpleNamespace(rig=rig, trials=trials)))
+
+
+def test_zero_is_a_candidate_for_one_muscle_without_a_tendon() -> None:
+    assert list_numbers("bench", BARE, BARE) == {LENGTH_ZERO: 0.0}
+    assert list_numbers("bench", WITH_TENDON) == {}  # the slack length is the same
+    assert list_numbers("mjcf", BARE) == {}
+    assert list_numbers("bench", BARE, BARE.with_changes({"muscle.resting_length_mm": 200.0})) == {}
+    cylinder = SimpleNamespace(spec=SimpleNamespace(muscle=None, tendon=None))
+    assert list_numbers("bench", cast(Any, cylinder)) == {}
 
 
 def test_length_that_reads_too_much_is_a_shorter_muscle() -> None:

@@ -369,7 +369,7 @@ def fit_base_device(
     uncertainties = tuple(dataset.uncertainties.items())
     devices = {} if dataset.mechanism is None else dataset.mechanism.devices
     tendon_numbers = list_tendon_error_candidates(devices, dataset.uncertainties)
-    bench_numbers = list_bench_error_candidates(dataset.rig, dataset.device)
+    bench_numbers = list_bench_error_candidates(dataset)
     rig_numbers = {**dataset.model_values, **dataset.nominal_numbers, **tendon_numbers, **bench_numbers}
     nominal = Hypothesis(dataset.device, uncertainties, (), (), registration, tuple(rig_numbers.items()))
     fit, data = _fit_with_noise(nominal, experiments, simulator, cache)

@@ -10,7 +10,7 @@ from collections.abc import Container, Mapping
 from functools import cache
 from typing import NamedTuple
 
-from klute_sim.datasets.channels import RigName
+from klute_sim.datasets.dataset import Dataset
 from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
 from klute_sim.device.device import Device
 from klute_sim.device.schema.document import DeviceSpec
@@ -136,12 +136,17 @@ def list_tendon_error_candidates(devices: Mapping[str, Device], uncertain_keys: 
     }
 
 
-def list_bench_error_candidates(rig: RigName, device: Device) -> dict[str, float]:
-    """Return name -> declared value of each number of a ``rig`` that may be wrong beside those of ``device``.
+def list_bench_error_candidates(dataset: Dataset) -> dict[str, float]:
+    """Return name -> declared value of each number of a bench that may be wrong beside those of the device.
 
-    With a tendon, the slack length has the error of the zero as well.
+    With a tendon, the slack length has the error of the zero as well. Muscles of several lengths are clamped and
+    measured one by one, so they share no zero.
     """
-    return {LENGTH_ZERO: 0.0} if rig == "bench" and device.spec.tendon is None else {}
+    if dataset.rig != "bench":
+        return {}
+    specs = [trial.device.spec for trial in dataset.trials]
+    lengths = {spec.muscle.resting_length_mm if spec.muscle and spec.tendon is None else None for spec in specs}
+    return {LENGTH_ZERO: 0.0} if len(lengths) == 1 and None not in lengths else {}
 
 
 def list_model_error_candidates(values: Mapping[str, float], uncertain_keys: frozenset[str]) -> list[str]:

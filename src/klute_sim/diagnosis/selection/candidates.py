@@ -41,7 +41,7 @@ def check_effect_names(dataset: Dataset, only: Sequence[str], exclude: Sequence[
     """
     devices = {} if dataset.mechanism is None else dataset.mechanism.devices
     tendon_numbers = list_tendon_error_candidates(devices, ())
-    bench_numbers = list_bench_error_candidates(dataset.rig, dataset.device)
+    bench_numbers = list_bench_error_candidates(dataset)
     values = [*dataset.device.spec.collect_values(), *tendon_numbers, *dataset.model_values, *bench_numbers]
     for name in (*only, *exclude):
         effect = name.partition("@")[0]
@@ -223,7 +223,7 @@ def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
     model_numbers = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))
     devices = {} if dataset.mechanism is None else dataset.mechanism.devices
     tendon_numbers = list_tendon_error_candidates(devices, dataset.uncertainties)
-    bench_numbers = list_bench_error_candidates(dataset.rig, dataset.device)
+    bench_numbers = list_bench_error_candidates(dataset)
     keys = (*numbers, *tendon_numbers, *model_numbers, *bench_numbers)
     return terms + [
         EffectTerm(NUMBER_ERROR_NAME, form.name, number=key) for key in keys for form in make_number_effect(key).forms
