@@ -153,6 +153,9 @@ def test_radius_at_the_same_braid_angle_changes_the_turns() -> None:
     alone = augment_device(make_fit(Hypothesis(NOMINAL, (), (), (make_number_term(RADIUS),)), np.array([-2.0])), "data")
     assert alone.spec.collect_values()["muscle.turns_per_m"] == before["muscle.turns_per_m"]
     assert format_term(term) == "bladder radius of the muscle at the same braid angle"
+    # Alone, the radius stays near that of the braid.
+    (wide,), (narrow,) = (h.bounds()[1] for h in (hypothesis, Hypothesis(NOMINAL, (), (), (make_number_term(RADIUS),))))
+    assert wide > narrow
     assert hypothesis.build_setups(np.zeros(1), [make_trial()])[0].parameters == NOMINAL.parameters
 
 

@@ -124,10 +124,13 @@ def shift_length(parameters: DeviceParameters, length_zero: float) -> DevicePara
     return parameters._replace(tendon=tendon._replace(slack_length=tendon.slack_length + length_zero))
 
 
-def limit_number(key: str, nominal_values: Mapping[str, float], half_range: float) -> tuple[float, float]:
+def limit_number(
+    key: str, nominal_values: Mapping[str, float], half_range: float, *, keeps_angle: bool = False
+) -> tuple[float, float]:
     """Return the bounds of a fitted number: within ``half_range`` of the nominal one, and such that a file accepts it.
 
     ``nominal_values`` are all numbers, ``section.key`` -> value. Positive numbers stay so without a sign of their own.
+    With ``keeps_angle``, the turns follow a radius.
     """
     nominal, lower = nominal_values[key], nominal_values[key] - half_range
     if nominal > 0.0 and not key.rpartition(".")[2].startswith(SIGNED_PREFIXES):
@@ -136,17 +139,20 @@ def limit_number(key: str, nominal_values: Mapping[str, float], half_range: floa
     lower, upper = limit_to_plausible(device_key, nominal, lower, nominal + half_range)
     prefix = key.removesuffix(device_key)
     tendon_values = {name.removeprefix(prefix): v for name, v in nominal_values.items() if name.startswith(prefix)}
-    return limit_to_valid({**nominal_values, **tendon_values}, device_key, lower, upper)
+    return limit_to_valid({**nominal_values, **tendon_values}, device_key, lower, upper, keeps_angle=keeps_angle)
 
 
-def limit_to_valid(values: Mapping[str, float], key: str, lower: float, upper: float) -> tuple[float, float]:
+def limit_to_valid(
+    values: Mapping[str, float], key: str, lower: float, upper: float, *, keeps_angle: bool = False
+) -> tuple[float, float]:
     """Return the part of the range from ``lower`` to ``upper`` in which number ``key`` has an influence of its own.
 
     Beyond it, :func:`complete_numbers` holds radius or wall at the limit that the other numbers in ``values`` set.
     """
     if key not in (RADIUS, THICKNESS):
         return lower, upper
-    possible = [complete_numbers(values, {key: end}, {key}).get(key, values[key]) for end in (lower, upper)]
+    ends = (complete_numbers(values, {key: end}, {key}, keeps_angle=keeps_angle) for end in (lower, upper))
+    possible = [numbers.get(key, values[key]) for numbers in ends]
     return min(possible[0], values[key]), max(possible[1], values[key])
 
 

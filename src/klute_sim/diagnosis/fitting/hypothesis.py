@@ -181,16 +181,17 @@ class Hypothesis:
             )
         for index, term in enumerate(self.terms):
             if term.number:
-                parameters.append(self._make_number_parameter(term.number, index, term.declared))
+                parameters.append(self._make_number_parameter(term.number, index, term))
             else:
                 parameters += [self._make_parameter(p, index, term) for p in term.parameters]
         return tuple(parameters)
 
-    def _make_number_parameter(self, key: str, term_index: int, declared: float | None) -> FitParameter:
+    def _make_number_parameter(self, key: str, term_index: int, term: EffectTerm) -> FitParameter:
         nominal_values = {**self.device.spec.collect_values(), **dict(self.rig_numbers)}
-        nominal = nominal_values[key] = nominal_values[key] if declared is None else declared
+        nominal = nominal_values[key] = nominal_values[key] if term.declared is None else term.declared
         error = compute_plausible_error(key, nominal)
-        lower, upper = limit_number(key, nominal_values, BOUND_SIGMAS * error)
+        half_range, keeps_angle = BOUND_SIGMAS * error, term.form == SAME_ANGLE
+        lower, upper = limit_number(key, nominal_values, half_range, keeps_angle=keeps_angle)
         return FitParameter(name=key, term_index=term_index, initial=nominal, scale=error, lower=lower, upper=upper)
 
     def _make_parameter(self, parameter: EffectParameter, term_index: int, term: EffectTerm) -> FitParameter:
@@ -294,8 +295,7 @@ class Hypothesis:
                 form, unit = term.form_definition, CHANNEL_UNITS[term.channel][1]
                 si_values = tuple(v * unit if not math.isfinite(p.upper) else v for p, v in pairs)
                 sensors.append(SensorModel(term.channel, term.effect, form.name, form.parameter_type(*si_values)))
-        start = len(self.uncertainties)
-        errors = values[start : start + len(self.registration)]
+        errors = values[len(self.uncertainties) : self.n_prior_parameters]
         registration = make_registration(zip(dict(self.registration), errors, strict=True))
         # Most trials share a device.
         built: dict[tuple[str | None, str, str], tuple[DeviceParameters, list[BodyEdit]]] = {}
