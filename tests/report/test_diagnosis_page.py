@@ -239,7 +239,7 @@ def test_wrong_number_and_rejected_models_are_shown(diagnosis: Diagnosis) -> Non
         words.format_number(declared),
     ]
     assert "bladder radius of the muscle" in text_of(html)
-    assert "Number of the device file: muscle.bladder_radius_mm" in text_of(html)
+    assert "Number: muscle.bladder_radius_mm" in text_of(html)
     assert rows_of(html, "prediction")[1:] == [
         ["bladder radius of the muscle", "20 %", ""],
         ["braid hysteresis (Coulomb)", "50 %", "it is at its bound"],

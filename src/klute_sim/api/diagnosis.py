@@ -57,7 +57,7 @@ class IdentifiedEffect:
     channel: str | None
     """Channel of an instrument effect; None for other effects."""
     number: str | None
-    """Number of the device file (``section.key``) that is wrong; None for effects."""
+    """Number that is wrong, as in ``verdict.json`` (``section.key`` of the device file); None for effects."""
     parameters: dict[str, ParameterEstimate]
     """Estimate of each parameter, by its key."""
     probability: float | None

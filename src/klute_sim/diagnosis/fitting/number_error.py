@@ -192,8 +192,11 @@ def make_number_effect(key: str) -> Effect:
         typical=1.0,
         source=_find_plausible_error(key).source,
     )
-    file = "MJCF file" if is_model_number(key) else "zero" if key == LENGTH_ZERO else "device file"
-    equations = {"value": f"{key} differs from the {file}"}
+    file = "MJCF file" if is_model_number(key) else "device file"
+    description, equations = f"A number of the {file} is wrong.", {"value": f"{key} differs from the {file}"}
+    if key == LENGTH_ZERO:
+        description = "The prescribed length has a wrong zero."
+        equations = {"value": f"the length reads {key} too much"}
     if key == RADIUS:
         equations[SAME_ANGLE] = f"{key} differs from the {file}, and so do the turns: the braid has the declared angle"
     if key == TURNS:
@@ -201,7 +204,7 @@ def make_number_effect(key: str) -> Effect:
     forms = [EffectForm(name=name, equation=text, parameters=(parameter,)) for name, text in equations.items()]
     return Effect(
         name=NUMBER_ERROR_NAME,
-        description=f"A number of the {file} is wrong.",
+        description=description,
         kind="model number" if is_model_number(key) else "instrument" if key == LENGTH_ZERO else "number",
         forms=tuple(forms),
     )
