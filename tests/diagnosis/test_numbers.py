@@ -9,13 +9,17 @@ from klute_sim.device.device import Device, list_presets, load_device
 from klute_sim.device.schema.limits import find_limits
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
-from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers, limit_to_valid
+from klute_sim.diagnosis.fitting.dependent_numbers import (
+    SAME_ANGLE,
+    SAME_RADIUS,
+    SAME_RATIO,
+    complete_numbers,
+    limit_to_valid,
+)
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.fitting.number_error import (
     NUMBER_ERROR_NAME,
-    SAME_ANGLE,
-    SAME_RADIUS,
     compute_plausible_error,
     list_error_candidates,
 )
@@ -174,6 +178,17 @@ def test_turns_at_the_same_radius_change_the_length_of_the_braid() -> None:
         "muscle.braid_length_ratio",
     }
     assert format_term(term) == "turns of the muscle and braid length at the same radius"
+    assert hypothesis.build_setups(np.zeros(1), [make_trial()])[0].parameters == NOMINAL.parameters
+
+
+def test_moduli_of_another_rubber_change_in_proportion() -> None:
+    term = EffectTerm(NUMBER_ERROR_NAME, SAME_RATIO, number="muscle.c10_kpa")
+    hypothesis = Hypothesis(NOMINAL, (), ()).with_term(term)
+    before = NOMINAL.spec.collect_values()
+    corrected = hypothesis.correct_numbers(NOMINAL, None, hypothesis.values(np.array([3.0])))
+    assert corrected.keys() == {"muscle.c10_kpa", "muscle.c01_kpa"}
+    assert [corrected[key] / before[key] for key in corrected] == pytest.approx([1.3, 1.3])
+    assert format_term(term) == "c10 of the muscle and c01 in the same ratio"
     assert hypothesis.build_setups(np.zeros(1), [make_trial()])[0].parameters == NOMINAL.parameters
 
 

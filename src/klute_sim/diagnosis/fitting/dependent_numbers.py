@@ -23,35 +23,43 @@ MIN_NUMBER_FRACTION = 1e-3
 RELATION_MARGIN = 0.02
 """Fraction by which dependent numbers stay inside their limits, so that rounding does not cross them."""
 RADIUS, THICKNESS = "muscle.bladder_radius_mm", "muscle.bladder_thickness_mm"
+C10, C01 = "muscle.c10_kpa", "muscle.c01_kpa"
 BRAID_RATIO, TURNS = "muscle.braid_length_ratio", "muscle.turns_per_m"
 RESTING_LENGTH, SLACK_LENGTH = "muscle.resting_length_mm", "tendon.slack_length_mm"
 NEUTRAL_RATIO = "mounting.neutral_muscle_ratio"
+VALUE, SAME_ANGLE, SAME_RADIUS, SAME_RATIO = "value", "same_angle", "same_radius", "same_ratio"
+"""Forms of a wrong number: alone; a bladder radius with turns that keep the angle of the braid; turns with a length of
+the braid that keeps its radius; and a c10 with a c01 that keeps their ratio."""
+
+
+def derive_numbers(values: Mapping[str, float], fitted: Mapping[str, float], form: str) -> dict[str, float]:
+    """Return the numbers that follow from a ``fitted`` one because they were computed from it, or are in proportion.
+
+    ``values`` are all numbers of the device before the fit, ``section.key`` -> value in the unit of the key. The
+    ``form`` says what stays: :data:`SAME_ANGLE` a of the braid, by ``tan a = 2 pi R N / L0`` with radius R and turns N;
+    :data:`SAME_RADIUS`, by this and ``cos a = L0 / B`` with the length B of the braid; or :data:`SAME_RATIO` of the
+    moduli of the rubber. Without a change, each is exactly that of the file.
+    """
+    present = {**values, **fitted}
+    if form == SAME_ANGLE and RADIUS in fitted:
+        return {TURNS: present[TURNS] * (values[RADIUS] / fitted[RADIUS])}
+    if form == SAME_RADIUS and TURNS in fitted:
+        ratio, scale = present[BRAID_RATIO], fitted[TURNS] / values[TURNS]
+        return {BRAID_RATIO: ratio * math.sqrt(1.0 + (1.0 - ratio**-2) * (scale * scale - 1.0))}  # tan a grows by scale
+    if form == SAME_RATIO and C10 in fitted:
+        return {C01: present[C01] * (fitted[C10] / values[C10])}
+    return {}
 
 
 def complete_numbers(
-    values: Mapping[str, float],
-    fitted: Mapping[str, float],
-    wrong: Collection[str] = (),
-    *,
-    keeps_angle: bool = False,
-    keeps_radius: bool = False,
+    values: Mapping[str, float], fitted: Mapping[str, float], wrong: Collection[str] = ()
 ) -> dict[str, float]:
     """Return ``fitted`` within the limits of a device file, and the numbers that follow from them.
 
     ``values`` are all numbers of the device before the fit, ``section.key`` -> value in the unit of the key. ``wrong``
     are the keys of ``fitted`` whose number in the file is wrong; other numbers do not follow them further than a valid
-    file requires. With ``keeps_angle``, the turns N follow the radius R so that the braid has the same angle a; with
-    ``keeps_radius``, the length B of the braid follows the turns. Both by ``tan a = 2 pi R N / L0`` and ``cos a = L0 /
-    B``.
+    file requires.
     """
-    if keeps_angle and RADIUS in fitted:
-        turns = {**values, **fitted}[TURNS] * (values[RADIUS] / fitted[RADIUS])
-        fitted, wrong = {**fitted, TURNS: turns}, {*wrong, TURNS}
-    if keeps_radius and TURNS in fitted:
-        ratio, scale = {**values, **fitted}[BRAID_RATIO], fitted[TURNS] / values[TURNS]
-        # The square of the tangent grows by (scale^2 - 1); without a change, the ratio is exactly that of the file.
-        ratio *= math.sqrt(1.0 + (1.0 - ratio**-2) * (scale * scale - 1.0))
-        fitted, wrong = {**fitted, BRAID_RATIO: ratio}, {*wrong, BRAID_RATIO}
     changed = {key: min(max(value, find_limits(key)[0]), find_limits(key)[1]) for key, value in fitted.items()}
     if not changed.keys() & {RADIUS, THICKNESS, BRAID_RATIO, TURNS}:
         return changed
@@ -125,12 +133,12 @@ def shift_length(parameters: DeviceParameters, length_zero: float) -> DevicePara
 
 
 def limit_number(
-    key: str, nominal_values: Mapping[str, float], half_range: float, *, keeps_angle: bool = False
+    key: str, nominal_values: Mapping[str, float], half_range: float, form: str = VALUE
 ) -> tuple[float, float]:
     """Return the bounds of a fitted number: within ``half_range`` of the nominal one, and such that a file accepts it.
 
     ``nominal_values`` are all numbers, ``section.key`` -> value. Positive numbers stay so without a sign of their own.
-    With ``keeps_angle``, the turns follow a radius.
+    What follows in ``form`` changes with it (:func:`derive_numbers`).
     """
     nominal, lower = nominal_values[key], nominal_values[key] - half_range
     if nominal > 0.0 and not key.rpartition(".")[2].startswith(SIGNED_PREFIXES):
@@ -139,11 +147,11 @@ def limit_number(
     lower, upper = limit_to_plausible(device_key, nominal, lower, nominal + half_range)
     prefix = key.removesuffix(device_key)
     tendon_values = {name.removeprefix(prefix): v for name, v in nominal_values.items() if name.startswith(prefix)}
-    return limit_to_valid({**nominal_values, **tendon_values}, device_key, lower, upper, keeps_angle=keeps_angle)
+    return limit_to_valid({**nominal_values, **tendon_values}, device_key, lower, upper, form)
 
 
 def limit_to_valid(
-    values: Mapping[str, float], key: str, lower: float, upper: float, *, keeps_angle: bool = False
+    values: Mapping[str, float], key: str, lower: float, upper: float, form: str = VALUE
 ) -> tuple[float, float]:
     """Return the part of the range from ``lower`` to ``upper`` in which number ``key`` has an influence of its own.
 
@@ -151,8 +159,8 @@ def limit_to_valid(
     """
     if key not in (RADIUS, THICKNESS):
         return lower, upper
-    ends = (complete_numbers(values, {key: end}, {key}, keeps_angle=keeps_angle) for end in (lower, upper))
-    possible = [numbers.get(key, values[key]) for numbers in ends]
+    ends = ({key: end, **derive_numbers(values, {key: end}, form)} for end in (lower, upper))
+    possible = [complete_numbers(values, end, end).get(key, values[key]) for end in ends]
     return min(possible[0], values[key]), max(possible[1], values[key])
 
 

@@ -28,6 +28,7 @@ from klute_sim.diagnosis.experiments.base import (
 from klute_sim.diagnosis.experiments.registration import PLATE_GAIN, REGISTRATION_PREFIX, make_registration
 from klute_sim.diagnosis.fitting.dependent_numbers import (
     complete_numbers,
+    derive_numbers,
     limit_number,
     move_mounting,
     replace_values,
@@ -37,8 +38,6 @@ from klute_sim.diagnosis.fitting.number_error import (
     BOUND_SIGMAS,
     FORM_WORDS,
     LENGTH_ZERO,
-    SAME_ANGLE,
-    SAME_RADIUS,
     compute_plausible_error,
     make_number_effect,
 )
@@ -190,8 +189,7 @@ class Hypothesis:
         nominal_values = {**self.device.spec.collect_values(), **dict(self.rig_numbers)}
         nominal = nominal_values[key] = nominal_values[key] if term.declared is None else term.declared
         error = compute_plausible_error(key, nominal)
-        half_range, keeps_angle = BOUND_SIGMAS * error, term.form == SAME_ANGLE
-        lower, upper = limit_number(key, nominal_values, half_range, keeps_angle=keeps_angle)
+        lower, upper = limit_number(key, nominal_values, BOUND_SIGMAS * error, term.form)
         return FitParameter(name=key, term_index=term_index, initial=nominal, scale=error, lower=lower, upper=upper)
 
     def _make_parameter(self, parameter: EffectParameter, term_index: int, term: EffectTerm) -> FitParameter:
@@ -363,9 +361,10 @@ class Hypothesis:
             owner, _, key = (term.number or "").rpartition(DEVICE_SEPARATOR)
             if key and owner in ("", tendon) and term.specimen in (None, specimen):
                 wrong.add(key)
-        forms = {term.form for term in self.terms}
-        keeps_angle, keeps_radius = SAME_ANGLE in forms, SAME_RADIUS in forms
-        return complete_numbers(declared_values, corrected, wrong, keeps_angle=keeps_angle, keeps_radius=keeps_radius)
+        for form in dict.fromkeys(term.form for term in self.terms):
+            derived = derive_numbers(declared_values, corrected, form)
+            corrected, wrong = corrected | derived, wrong | derived.keys()
+        return complete_numbers(declared_values, corrected, wrong)
 
     def list_fitted_keys(self, tendon: str | None) -> set[str]:
         """Return ``section.key`` of all fitted numbers of the device on ``tendon`` (None: no mechanism)."""

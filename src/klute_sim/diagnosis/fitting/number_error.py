@@ -14,7 +14,15 @@ from klute_sim.datasets.dataset import Dataset
 from klute_sim.datasets.mechanism import DEVICE_SEPARATOR, is_model_number
 from klute_sim.device.device import Device
 from klute_sim.device.schema.document import DeviceSpec
-from klute_sim.diagnosis.fitting.dependent_numbers import RADIUS, TURNS
+from klute_sim.diagnosis.fitting.dependent_numbers import (
+    C10,
+    RADIUS,
+    SAME_ANGLE,
+    SAME_RADIUS,
+    SAME_RATIO,
+    TURNS,
+    VALUE,
+)
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 
 EFFECTS = "effects."
@@ -23,10 +31,11 @@ NUMBER_ERROR_NAME = "number_error"
 """Name of the cause in verdicts, where an effect has its name in the catalogue."""
 LENGTH_ZERO = "bench.length_zero_mm"
 """Reading of the prescribed length of a bench where the true length is zero [mm]; 0 where its zero is right."""
-SAME_ANGLE, SAME_RADIUS = "same_angle", "same_radius"
-"""Forms of a wrong bladder radius with which the turns follow at the same braid angle, and of wrong turns with which
-the length of the braid follows at the same radius: both are computed from radius and angle, one of which was wrong."""
-FORM_WORDS = {SAME_ANGLE: " at the same braid angle", SAME_RADIUS: " and braid length at the same radius"}
+FORM_WORDS = {
+    SAME_ANGLE: " at the same braid angle",
+    SAME_RADIUS: " and braid length at the same radius",
+    SAME_RATIO: " and c01 in the same ratio",
+}
 """Form -> words after those of the number."""
 BOUND_SIGMAS = 6.0
 """Bounds of a number that is tested for an error, in plausible errors from the device's value (assumed). Numbers with
@@ -193,14 +202,16 @@ def make_number_effect(key: str) -> Effect:
         source=_find_plausible_error(key).source,
     )
     file = "MJCF file" if is_model_number(key) else "device file"
-    description, equations = f"A number of the {file} is wrong.", {"value": f"{key} differs from the {file}"}
+    description, equations = f"A number of the {file} is wrong.", {VALUE: f"{key} differs from the {file}"}
     if key == LENGTH_ZERO:
         description = "The prescribed length has a wrong zero."
-        equations = {"value": f"the length reads {key} too much"}
+        equations = {VALUE: f"the length reads {key} too much"}
     if key == RADIUS:
         equations[SAME_ANGLE] = f"{key} differs from the {file}, and so do the turns: the braid has the declared angle"
     if key == TURNS:
         equations[SAME_RADIUS] = f"{key} and the length of the braid differ from the {file}, whose radius is right"
+    if key == C10:
+        equations[SAME_RATIO] = f"{key} and muscle.c01_kpa differ from the {file}, in proportion: it is another rubber"
     forms = [EffectForm(name=name, equation=text, parameters=(parameter,)) for name, text in equations.items()]
     return Effect(
         name=NUMBER_ERROR_NAME,

@@ -10,7 +10,7 @@ from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.dependent_numbers import limit_to_valid
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import COST_TOLERANCE, Fit
-from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, EFFECTS, KEYS_WITHOUT_UPPER_LIMIT, SAME_ANGLE
+from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, EFFECTS, KEYS_WITHOUT_UPPER_LIMIT
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise.misfit import has_misfit
 from klute_sim.effects.families import instrument
@@ -237,7 +237,7 @@ def _list_admissible_limits(hypothesis: Hypothesis, term: EffectTerm, parameter:
     values = {**hypothesis.device.spec.collect_values(), parameter.name: parameter.initial}
     half_range = BOUND_SIGMAS * parameter.scale
     bounds = parameter.initial - half_range, parameter.initial + half_range
-    valid_limits = limit_to_valid(values, parameter.name, *bounds, keeps_angle=term.form == SAME_ANGLE)
+    valid_limits = limit_to_valid(values, parameter.name, *bounds, term.form)
     open_ends = [parameter.upper] if term.number in KEYS_WITHOUT_UPPER_LIMIT else []
     open_ends += [parameter.lower] if term.number.startswith(EFFECTS) else []
     return (*open_ends, *(limit for limit in valid_limits if limit not in bounds))
