@@ -100,8 +100,8 @@ def test_candidates_exclude_effects_of_the_device(fitted_data: tuple) -> None:
     terms = list_candidate_terms(weighted_data, data, exclude=("sensor_gain@force", "muscle.turns_per_m"))
     assert {t.channel for t in terms if t.effect == "sensor_gain"} == {"pressure"}
     assert "muscle.turns_per_m" not in {t.number for t in terms}
-    (number,) = list_candidate_terms(weighted_data, data, only=("number_error@muscle.turns_per_m",))
-    assert number.number == "muscle.turns_per_m"
+    numbers = list_candidate_terms(weighted_data, data, only=("number_error@muscle.turns_per_m",))
+    assert [(n.number, n.form) for n in numbers] == [("muscle.turns_per_m", form) for form in ("value", "same_radius")]
     with pytest.raises(InputError, match=r"'sensor_gain@froce' is no candidate.*did you mean 'sensor_gain@force'"):
         list_candidate_terms(weighted_data, data, exclude=("sensor_gain@froce",))
     with pytest.raises(InputError, match=r"no effect or number 'taper'.* numbers are named as 'muscle\.count'"):

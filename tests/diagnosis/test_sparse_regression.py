@@ -178,7 +178,7 @@ def test_excluded_and_existing_terms_are_not_candidates(with_hidden_term: tuple[
 
 def test_data_driven_term_is_not_a_candidate_effect(with_hidden_term: tuple[ForwardSelection, Fit]) -> None:
     device, data = load_device("klute-3-4-pair"), with_hidden_term[0].data
-    dataset = SimpleNamespace(rig="bench", device=device, uncertainties={}, model_values={}, mechanism=None)
+    dataset = SimpleNamespace(rig="bench", device=device, uncertainties={}, model_values={}, mechanism=None, trials=[])
     assert not {term.effect for term in list_candidate_terms(data, dataset, exclude=("number_error",))} - set(
         catalogue.get_named_effects()
     )
