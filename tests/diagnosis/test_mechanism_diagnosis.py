@@ -20,7 +20,7 @@ from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator, observe, simulate_extrapolated
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import fit_hypothesis
-from klute_sim.diagnosis.fitting.number_error import list_model_error_candidates, list_tendon_error_candidates
+from klute_sim.diagnosis.fitting.number_error import list_model_error_candidates
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
@@ -189,25 +189,6 @@ def test_numbers_of_one_device_and_effects_of_one_tendon_change_that_device_only
     assert flexor.effects[0] == 0.0
     assert extensor.effects[0] == 1.0
     assert str(hypothesis.terms[0]) == "leak of extensor"
-
-
-def test_wrong_number_of_one_device_changes_that_device_only(tmp_path: Path) -> None:
-    dataset = load_dataset(joint.write_dataset(tmp_path, **SHORT))
-    assert dataset.mechanism is not None
-    key = "extensor/tendon.slack_length_mm"
-    numbers = tuple(list_tendon_error_candidates(dataset.mechanism.devices, ()).items())
-    hypothesis = Hypothesis(dataset.device, (), (), rig_numbers=numbers)
-    assert hypothesis.list_fitted_keys("extensor") == set()
-    hypothesis = hypothesis.with_term(EffectTerm("number_error", "value", number=key))
-    experiments = prepare_experiments(dataset, split_dataset(dataset))
-    (setup, *_) = hypothesis.build_setups(np.array([1.0]), experiments)
-    flexor, extensor = setup.devices
-    assert flexor == PAIR.parameters
-    assert extensor.tendon.slack_length == pytest.approx(PAIR.parameters.tendon.slack_length + 2e-3)
-    assert hypothesis.list_fitted_keys("extensor") == {"tendon.slack_length_mm"}
-    assert hypothesis.list_fitted_keys("flexor") == set()
-    assert format_term(hypothesis.terms[0]) == "slack length of the tendon on 'extensor'"
-    assert hypothesis.terms[0].qualified_name == f"number_error@{key}"
 
 
 def test_numbers_of_a_trial_keep_the_relative_error(tmp_path: Path) -> None:
