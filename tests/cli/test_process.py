@@ -99,7 +99,9 @@ def test_signal_while_a_module_is_imported_is_no_error(monkeypatch: pytest.Monke
 
 def test_errors_of_their_own_follow_from_no_interrupt() -> None:
     error = ValueError("wrong")
-    error.__context__ = ImportError("missing")
+    error.__cause__ = ImportError("missing")
+    assert process.find_interrupt(error) is None
+    error.__cause__, error.__context__ = None, KeyboardInterrupt()  # raised by what removes unfinished files
     assert process.find_interrupt(error) is None
 
 

@@ -118,7 +118,8 @@ def test_effect_may_be_tested_where_one_device_lacks_it(flexor_leaks: bool, exte
     leaking = parse_device(PAIR.content + b"\n[effects.leak]\nconductance_dm3_per_s_bar = 0.01\n", "leaking")
     devices = {"flexor": leaking if flexor_leaks else PAIR, "extensor": leaking if extensor_leaks else PAIR}
     mechanism = SimpleNamespace(devices=devices)
-    dataset = cast(Any, SimpleNamespace(rig="mjcf", device=devices["flexor"], model_values={}, mechanism=mechanism))
+    options = {"rig": "mjcf", "device": devices["flexor"], "model_values": {}, "uncertainties": {}}
+    dataset = cast(Any, SimpleNamespace(**options, mechanism=mechanism))
     if flexor_leaks and extensor_leaks:
         with pytest.raises(InputError, match="has effect 'leak' already"):
             candidates.check_effect_names(dataset, ("leak",), ())

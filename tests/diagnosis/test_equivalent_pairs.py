@@ -63,15 +63,26 @@ def search(monkeypatch: pytest.MonkeyPatch) -> ForwardSelection:
 
 
 def test_pair_with_two_other_names_is_found(search: ForwardSelection) -> None:
-    """A smaller muscle has another radius and other turns; tapered ends and a thinner wall look the same."""
+    """Wrong radius and turns, and tapered ends with a thinner wall, look the same."""
     (pair,) = find_equivalent_pairs(search, NAMED)
     assert pair.hypothesis.terms == (TURNS, RADIUS)
 
 
 def test_first_term_that_leaves_much_begins_no_pair(search: ForwardSelection, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(robustness, "MAX_LEFT_FRACTION", 0.03)
+    monkeypatch.setattr(robustness, "MAX_REMAINDER_FRACTION", 0.03)
     assert NAMED.chi2 + 0.03 * (BASE.chi2 - NAMED.chi2) < 28e3
     assert find_equivalent_pairs(search, NAMED) == []
+
+
+@pytest.mark.parametrize(("excess", "is_listed"), [(5.0, True), (25.0, True), (35.0, False)])
+def test_pair_is_listed_up_to_the_same_excess_as_other_rivals(
+    excess: float, is_listed: bool, search: ForwardSelection
+) -> None:
+    """Of BIC: 6, or 30 where it reaches the noise."""
+    pair = make_fit(TURNS, RADIUS, chi2=NAMED.chi2 + excess)
+    assert len(robustness._merge_rivals(search, NAMED, [], [pair, NAMED])) == is_listed
+    poor = make_fit(TURNS, RADIUS, chi2=18e3)
+    assert robustness._merge_rivals(search, make_fit(TAPER, WALL, chi2=18e3 - 25.0), [], [poor]) == []
 
 
 @pytest.mark.parametrize("named", [make_fit(TAPER, chi2=16e3), make_fit(TAPER, WALL, GAIN, chi2=16e3)])

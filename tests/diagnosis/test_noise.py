@@ -9,7 +9,7 @@ import pytest
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.trial import SensorLimits, TimeSeries
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
-from klute_sim.diagnosis.experiments.prepare import compute_slow_deviation, prepare_experiments
+from klute_sim.diagnosis.experiments.prepare import compute_correlated_deviation, prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.noise import repeats as noises
@@ -267,8 +267,8 @@ def test_white_noise_of_an_input_is_no_shared_error(stated: float, slow: float) 
     motion = 100.0 * np.sin(2.0 * np.pi * time)
     motion[time % 1.0 > 0.6] = np.nan  # a swing has no centre of pressure
     measured = TimeSeries(time, motion + np.random.default_rng(0).normal(0.0, 1.0, len(time)))
-    assert compute_slow_deviation(measured, stated) == pytest.approx(slow, abs=0.3)
-    assert compute_slow_deviation(TimeSeries(time, motion), stated) == pytest.approx(stated, rel=0.01)
+    assert compute_correlated_deviation(measured, stated) == pytest.approx(slow, abs=0.3)
+    assert compute_correlated_deviation(TimeSeries(time, motion), stated) == pytest.approx(stated, rel=0.01)
 
 
 def test_stated_input_noise_is_evaluated_at_the_samples_that_are_compared(tmp_path: Path) -> None:

@@ -181,6 +181,23 @@ def test_turns_at_the_same_radius_change_the_length_of_the_braid() -> None:
     assert hypothesis.build_setups(np.zeros(1), [make_trial()])[0].parameters == NOMINAL.parameters
 
 
+@pytest.mark.parametrize("is_reversed", [False, True])
+def test_wrong_radius_and_wrong_angle_do_not_depend_on_their_order(is_reversed: bool) -> None:
+    """The length of the braid follows from the angle alone: B / L0 = 1 / cos(angle)."""
+    terms = [
+        EffectTerm(NUMBER_ERROR_NAME, SAME_RADIUS, number="muscle.turns_per_m"),
+        EffectTerm(NUMBER_ERROR_NAME, SAME_ANGLE, number=RADIUS),
+    ]
+    hypothesis = Hypothesis(NOMINAL, (), (), tuple(terms[::-1] if is_reversed else terms))
+    x = np.array([1.5, -2.0])
+    both = hypothesis.correct_numbers(NOMINAL, None, hypothesis.values(x[::-1] if is_reversed else x))
+    alone = Hypothesis(NOMINAL, (), (), (terms[0],))
+    angle_only = alone.correct_numbers(NOMINAL, None, alone.values(x[:1]))
+    assert both["muscle.braid_length_ratio"] == angle_only["muscle.braid_length_ratio"]
+    before = NOMINAL.spec.collect_values()[RADIUS]
+    assert both["muscle.turns_per_m"] == pytest.approx(angle_only["muscle.turns_per_m"] * before / both[RADIUS])
+
+
 def test_moduli_of_another_rubber_change_in_proportion() -> None:
     term = EffectTerm(NUMBER_ERROR_NAME, SAME_RATIO, number="muscle.c10_kpa")
     hypothesis = Hypothesis(NOMINAL, (), ()).with_term(term)

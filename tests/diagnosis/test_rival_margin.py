@@ -23,4 +23,5 @@ def test_noise_is_no_part_of_the_error_that_rivals_share() -> None:
     assert compute_rival_margin(0.41, models, 0.4) == pytest.approx(0.02 * 0.6)  # negligible
     assert compute_rival_margin(0.8, models, 0.4) == pytest.approx(0.04)
     assert compute_rival_margin(0.41, models[1:], 0.4) == pytest.approx(0.041)  # nobody knows what is negligible
-    assert compute_rival_margin(0.39, models, 0.4) >= 0.0
+    assert compute_rival_margin(0.39, models[1:], 0.4) == pytest.approx(0.039)
+    assert compute_rival_margin(0.3, models, 1.2) == 0.0  # a noise that was estimated too large

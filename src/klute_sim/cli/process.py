@@ -78,13 +78,14 @@ def _raise_termination(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def find_interrupt(error: BaseException) -> KeyboardInterrupt | None:
-    """Return the interrupt that ``error`` followed from; None without one.
+    """Return the interrupt that is the cause of ``error``; None without one.
 
-    An extension module whose import is interrupted, such as that of MuJoCo, fails with an ImportError.
+    An extension module whose import is interrupted, such as that of MuJoCo, fails with an ImportError. An error while
+    an interrupt is handled is an error of its own.
     """
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
-        cause = cause.__cause__ or cause.__context__
+        cause = cause.__cause__
     return cause
 
 

@@ -368,7 +368,8 @@ def _decide_verdict(
     if coincidence:
         return "unexplained", [coincidence, *reasons]
     if equivalent_models:
-        others = [[t for t in m.fit.hypothesis.terms if t.identity not in final_terms] for m in equivalent_models]
+        rivals = [model.fit.hypothesis.terms for model in equivalent_models]
+        others = [[t for t in rival if t.identity not in final_terms] or rival[-1:] for rival in rivals]
         names = ", ".join(sorted({" with ".join(map(str, replacing)) for replacing in others}))
         difference = max(abs(model.difference) for model in equivalent_models)
         sentence = f"{names} would explain the data as well: BIC differs by less than {math.floor(difference) + 1}."

@@ -41,7 +41,7 @@ from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
-from klute_sim.diagnosis.fitting.number_error import list_bench_error_candidates, list_tendon_error_candidates
+from klute_sim.diagnosis.fitting.number_error import list_rig_error_candidates
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
 from klute_sim.diagnosis.held_out import evaluate_held_out
 from klute_sim.diagnosis.imperfect_law import (
@@ -367,10 +367,7 @@ def fit_base_device(
     """
     registration = tuple(experiments[0].registration_deviations.items())
     uncertainties = tuple(dataset.uncertainties.items())
-    devices = {} if dataset.mechanism is None else dataset.mechanism.devices
-    tendon_numbers = list_tendon_error_candidates(devices, dataset.uncertainties)
-    bench_numbers = list_bench_error_candidates(dataset)
-    rig_numbers = {**dataset.model_values, **dataset.nominal_numbers, **tendon_numbers, **bench_numbers}
+    rig_numbers = {**dataset.model_values, **dataset.nominal_numbers, **list_rig_error_candidates(dataset)}
     nominal = Hypothesis(dataset.device, uncertainties, (), (), registration, tuple(rig_numbers.items()))
     fit, data = _fit_with_noise(nominal, experiments, simulator, cache)
     extended = add_command_delay(data, fit)

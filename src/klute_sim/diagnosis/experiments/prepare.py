@@ -63,8 +63,8 @@ def clean_recordings(trials: Sequence[Trial]) -> list[Trial]:
     return [remove_mains_hum(drop_interpolated_samples(drop_held_samples(trial))) for trial in trials]
 
 
-def compute_slow_deviation(series: TimeSeries, deviation: float) -> float:
-    """Return the standard deviation of what is not white in noise of ``deviation``, in the unit of ``series``.
+def compute_correlated_deviation(series: TimeSeries, deviation: float) -> float:
+    """Return the standard deviation of the correlated part of a noise of ``deviation``, in the unit of ``series``.
 
     White noise shows in ``series`` itself and differs between repeats, so it is in their noise already. All else may be
     an error that they share, like that of a zero.
@@ -91,7 +91,7 @@ def _prepare_trial(trial: Trial, use: Use, dataset: Dataset) -> Experiment:
     variants = []
     for channel, deviation in trial.input_noise.items():
         series = trial.prescribed[channel]
-        shift = compute_slow_deviation(series, deviation)
+        shift = compute_correlated_deviation(series, deviation)
         if shift > 0.0:
             shifted = {**trial.prescribed, channel: series._replace(value=series.value + shift)}
             variants.append(prepare(replace(trial, prescribed=shifted), use))

@@ -32,23 +32,25 @@ VALUE, SAME_ANGLE, SAME_RADIUS, SAME_RATIO = "value", "same_angle", "same_radius
 the braid that keeps its radius; and a c10 with a c01 that keeps their ratio."""
 
 
-def derive_numbers(values: Mapping[str, float], fitted: Mapping[str, float], form: str) -> dict[str, float]:
-    """Return the numbers that follow from a ``fitted`` one because they were computed from it, or are in proportion.
+def derive_numbers(
+    values: Mapping[str, float], fitted: Mapping[str, float], forms: Collection[str]
+) -> dict[str, float]:
+    """Return the numbers that follow from ``fitted`` ones because they were computed from them, or are in proportion.
 
-    ``values`` are all numbers of the device before the fit, ``section.key`` -> value in the unit of the key. The
-    ``form`` says what stays: :data:`SAME_ANGLE` a of the braid, by ``tan a = 2 pi R N / L0`` with radius R and turns N;
+    ``values`` are all numbers of the device before the fit, ``section.key`` -> value in the unit of the key. ``forms``
+    say what stays: :data:`SAME_ANGLE` a of the braid, by ``tan a = 2 pi R N / L0`` with radius R and turns N;
     :data:`SAME_RADIUS`, by this and ``cos a = L0 / B`` with the length B of the braid; or :data:`SAME_RATIO` of the
     moduli of the rubber. Without a change, each is exactly that of the file.
     """
-    present = {**values, **fitted}
-    if form == SAME_ANGLE and RADIUS in fitted:
-        return {TURNS: present[TURNS] * (values[RADIUS] / fitted[RADIUS])}
-    if form == SAME_RADIUS and TURNS in fitted:
-        ratio, scale = present[BRAID_RATIO], fitted[TURNS] / values[TURNS]
-        return {BRAID_RATIO: ratio * math.sqrt(1.0 + (1.0 - ratio**-2) * (scale * scale - 1.0))}  # tan a grows by scale
-    if form == SAME_RATIO and C10 in fitted:
-        return {C01: present[C01] * (fitted[C10] / values[C10])}
-    return {}
+    present, derived = {**values, **fitted}, {}
+    if SAME_RADIUS in forms and TURNS in fitted:  # not turns that follow a radius: they say nothing about the angle
+        ratio, scale = present[BRAID_RATIO], fitted[TURNS] / values[TURNS]  # of the tangent
+        derived[BRAID_RATIO] = ratio * math.sqrt(1.0 + (1.0 - ratio**-2) * (scale * scale - 1.0))
+    if SAME_ANGLE in forms and RADIUS in fitted:
+        derived[TURNS] = present[TURNS] * (values[RADIUS] / fitted[RADIUS])
+    if SAME_RATIO in forms and C10 in fitted:
+        derived[C01] = present[C01] * (fitted[C10] / values[C10])
+    return derived
 
 
 def complete_numbers(
@@ -159,7 +161,7 @@ def limit_to_valid(
     """
     if key not in (RADIUS, THICKNESS):
         return lower, upper
-    ends = ({key: end, **derive_numbers(values, {key: end}, form)} for end in (lower, upper))
+    ends = ({key: end, **derive_numbers(values, {key: end}, {form})} for end in (lower, upper))
     possible = [complete_numbers(values, end, end).get(key, values[key]) for end in ends]
     return min(possible[0], values[key]), max(possible[1], values[key])
 

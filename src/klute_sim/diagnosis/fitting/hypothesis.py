@@ -361,10 +361,8 @@ class Hypothesis:
             owner, _, key = (term.number or "").rpartition(DEVICE_SEPARATOR)
             if key and owner in ("", tendon) and term.specimen in (None, specimen):
                 wrong.add(key)
-        for form in dict.fromkeys(term.form for term in self.terms):
-            derived = derive_numbers(declared_values, corrected, form)
-            corrected, wrong = corrected | derived, wrong | derived.keys()
-        return complete_numbers(declared_values, corrected, wrong)
+        derived = derive_numbers(declared_values, corrected, {term.form for term in self.terms})
+        return complete_numbers(declared_values, corrected | derived, wrong | derived.keys())
 
     def list_fitted_keys(self, tendon: str | None) -> set[str]:
         """Return ``section.key`` of all fitted numbers of the device on ``tendon`` (None: no mechanism)."""

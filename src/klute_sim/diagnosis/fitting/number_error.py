@@ -158,6 +158,12 @@ def list_bench_error_candidates(dataset: Dataset) -> dict[str, float]:
     return {LENGTH_ZERO: 0.0} if len(lengths) == 1 and None not in lengths else {}
 
 
+def list_rig_error_candidates(dataset: Dataset) -> dict[str, float]:
+    """Return name -> declared value of each number that may be wrong beside those of the device and of the model."""
+    devices = {} if dataset.mechanism is None else dataset.mechanism.devices
+    return {**list_tendon_error_candidates(devices, dataset.uncertainties), **list_bench_error_candidates(dataset)}
+
+
 def list_model_error_candidates(values: Mapping[str, float], uncertain_keys: frozenset[str]) -> list[str]:
     """Return the names of the numbers of a model that may be wrong, among its ``values`` (name -> value).
 

@@ -17,10 +17,9 @@ from klute_sim.diagnosis.fitting.number_error import (
     NUMBER_ERROR_NAME,
     SPECIMEN_NUMBERS,
     compute_plausible_error,
-    list_bench_error_candidates,
     list_error_candidates,
     list_model_error_candidates,
-    list_tendon_error_candidates,
+    list_rig_error_candidates,
     make_number_effect,
 )
 from klute_sim.diagnosis.fitting.weighted_data import WeightedData
@@ -40,9 +39,9 @@ def check_effect_names(dataset: Dataset, only: Sequence[str], exclude: Sequence[
     On a mechanism, it is enough that one of the devices may lack the effect.
     """
     devices = {} if dataset.mechanism is None else dataset.mechanism.devices
-    tendon_numbers = list_tendon_error_candidates(devices, ())
-    bench_numbers = list_bench_error_candidates(dataset)
-    values = [*dataset.device.spec.collect_values(), *tendon_numbers, *dataset.model_values, *bench_numbers]
+    rig_numbers = list_rig_error_candidates(dataset)
+    own = dict.fromkeys([*dataset.device.spec.collect_values(), *dataset.uncertainties])
+    values = [*own, *rig_numbers, *dataset.model_values]
     for name in (*only, *exclude):
         effect = name.partition("@")[0]
         if effect not in (NUMBER_ERROR_NAME, *values) and effect not in catalogue.get_effects():
@@ -221,10 +220,7 @@ def _list_all_terms(data: WeightedData, dataset: Dataset) -> list[EffectTerm]:
     if not data.experiments[0].has_body:
         numbers = {key: error for key, error in numbers.items() if not key.startswith("mounting.")}
     model_numbers = list_model_error_candidates(dataset.model_values, frozenset(dataset.uncertainties))
-    devices = {} if dataset.mechanism is None else dataset.mechanism.devices
-    tendon_numbers = list_tendon_error_candidates(devices, dataset.uncertainties)
-    bench_numbers = list_bench_error_candidates(dataset)
-    keys = (*numbers, *tendon_numbers, *model_numbers, *bench_numbers)
+    keys = (*numbers, *list_rig_error_candidates(dataset), *model_numbers)
     return terms + [
         EffectTerm(NUMBER_ERROR_NAME, form.name, number=key) for key in keys for form in make_number_effect(key).forms
     ]

@@ -380,7 +380,7 @@ def compute_rival_margin(best_error: float, models: Sequence[PredictiveModel], n
     """
     relative = MAX_RIVAL_RATIO - 1.0
     explainable = max((model.error for model in models if not model.terms), default=np.inf) - noise
-    return min(relative * best_error, max(relative * (best_error - noise), MIN_TERM_SHARE * explainable))
+    return min(relative * best_error, max(0.0, relative * (best_error - noise), MIN_TERM_SHARE * explainable))
 
 
 def is_as_good(model: PredictiveModel, best: PredictiveModel, folds: NDArray[np.intp] | None = None) -> bool:

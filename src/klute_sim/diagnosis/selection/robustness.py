@@ -28,7 +28,7 @@ MAX_EXCHANGES = 4
 """Maximum number of times that an equivalent model takes the place of the best one (assumed)."""
 MAX_FIRST_TERMS, MAX_SECOND_TERMS = 6, 3
 """Largest number of first terms of other pairs, and of second terms beside each of them (assumed)."""
-MAX_LEFT_FRACTION = 0.1
+MAX_REMAINDER_FRACTION = 0.1
 """Largest part of the fall of chi squared with a pair that the first term of another pair leaves (assumed)."""
 MIN_SECOND_GAIN_FRACTION = 0.5
 """Smallest predicted part of what a model leaves, without one of its terms, that another term takes (assumed)."""
@@ -94,11 +94,18 @@ def select_final_fit(
 def _merge_rivals(
     search: ForwardSelection, fit: Fit, models: Sequence[EquivalentModel], pairs: Sequence[Fit]
 ) -> list[EquivalentModel]:
-    """Return ``models`` and those of ``pairs`` that are as good as ``fit`` and others than these, best first."""
-    n = search.data.n_effective
+    """Return ``models`` and those of ``pairs`` that are as good as ``fit`` and others than these, best first.
+
+    The pairs were as good as another fit, which ``fit`` may have replaced.
+    """
+    n, max_excess = search.data.n_effective, MAX_EXCESS_FACTOR * search.bic_threshold
     known = {fit.identities, *(model.fit.identities for model in models)}
-    others = [EquivalentModel(pair, pair.bic(n) - fit.bic(n)) for pair in pairs if pair.identities not in known]
-    merged = [*models, *(model for model in others if model.difference <= search.bic_threshold)]
+    merged = list(models)
+    for pair in pairs:
+        difference = pair.bic(n) - fit.bic(n)
+        is_as_good = difference <= (search.bic_threshold if search.has_misfit(pair) else max_excess)
+        if is_as_good and pair.identities not in known:
+            merged.append(EquivalentModel(pair, difference))
     return sorted(merged, key=lambda model: model.difference)
 
 
@@ -191,9 +198,9 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
 def find_equivalent_pairs(search: ForwardSelection, best_fit: Fit) -> list[Fit]:
     """Return fits of the pairs of terms that explain the data as well as ``best_fit``; none where it has not added two.
 
-    A smaller muscle with the same braid angle has another radius and other turns per metre. Another pair may imitate
-    both, although no effect of it imitates one of them. So pairs are compared whose first term the first step of
-    ``search`` fitted alone. It leaves at most :data:`MAX_LEFT_FRACTION` of the fall of chi squared to the second.
+    Two wrong numbers, such as radius and turns, may look like two effects, such as tapered ends and a thinner wall,
+    although no effect imitates one of the numbers. So pairs are compared whose first term the first step of
+    ``search`` fitted alone. It leaves at most :data:`MAX_REMAINDER_FRACTION` of the fall of chi squared to the second.
     """
     first_step = search.history[0] if search.history else None
     if first_step is None or not search.has_repeats:
@@ -202,7 +209,7 @@ def find_equivalent_pairs(search: ForwardSelection, best_fit: Fit) -> list[Fit]:
     names = {term.identity for term in best_fit.hypothesis.terms[len(base_fit.hypothesis.terms) :]}
     if len(names) != 2:
         return []
-    max_chi2 = best_fit.chi2 + MAX_LEFT_FRACTION * (base_fit.chi2 - best_fit.chi2)
+    max_chi2 = best_fit.chi2 + MAX_REMAINDER_FRACTION * (base_fit.chi2 - best_fit.chi2)
     # Terms that are one to the data, such as the lengths of muscle and tendon, leave the same.
     firsts = {round(fit.chi2): fit for fit in reversed(first_step.refits) if fit.chi2 <= max_chi2}
     pairs: dict[frozenset[Identity], Fit] = {}

@@ -39,7 +39,8 @@ MIN_ORTHOGONAL_FRACTION = 1e-6
 SHORTLIST_SIZE = 8
 """Number of candidates that are refitted, and of effects, whatever their form and owner, whose best one is."""
 NUMBER_SHORTLIST_SIZE, DISTINCT_NUMBER_COUNT = 3, 2
-"""Number of wrong numbers that are refitted beside them, and of further ones that differ from all of these."""
+"""Number of wrong numbers that are refitted beside them, and of further ones that differ from all of these
+(assumed)."""
 MAX_DISTINCT_COSINE = 0.98
 """Largest cosine between the sensitivities to two numbers that differ (assumed)."""
 
